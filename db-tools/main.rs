@@ -1,0 +1,3 @@
+//! `enliven-db`: builds and inspects libraries.
+
+fn main() {}

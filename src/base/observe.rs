@@ -1,0 +1,47 @@
+//! Progress, cancellation, notes and timings of long work, through one trait.
+
+use std::time::Instant;
+
+use super::error::{Error, Result};
+
+/// Listens to a long piece of work. Every method has a silent default.
+pub trait Observer: Sync {
+    /// A stage begins that has `total` steps (0 when unknown).
+    fn begin(&self, _stage: &str, _total: u64) {}
+    /// `steps` more steps of `stage` are done.
+    fn advance(&self, _stage: &str, _steps: u64) {}
+    /// A stage is over after `seconds`.
+    fn end(&self, _stage: &str, _seconds: f64) {}
+    /// Something the user should read: a warning, a fallback, a refusal.
+    fn note(&self, _message: &str) {}
+    /// True once the user asked to stop.
+    fn cancelled(&self) -> bool {
+        false
+    }
+}
+
+/// An observer that ignores everything.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Silent;
+
+impl Observer for Silent {}
+
+/// An error when the user asked to stop; call it once per step of long work.
+///
+/// # Errors
+/// [`super::error::Kind::Interrupted`] after a cancel.
+pub fn check(observer: &dyn Observer) -> Result<()> {
+    if observer.cancelled() { Err(Error::interrupted()) } else { Ok(()) }
+}
+
+/// Runs `work` as a stage: begin, work, end with its time.
+///
+/// # Errors
+/// Those of `work`.
+pub fn stage<T>(observer: &dyn Observer, name: &str, total: u64, work: impl FnOnce() -> Result<T>) -> Result<T> {
+    observer.begin(name, total);
+    let start = Instant::now();
+    let result = work();
+    observer.end(name, start.elapsed().as_secs_f64());
+    result
+}

@@ -1,0 +1,10 @@
+//! Enliven brings a still picture of water, fire or smoke to life.
+//!
+//! Offline, clips become a library: clips → variants → pieces → descriptors → one pack ([`library`]). Online, a
+//! picture with a matte becomes nodes, nodes get candidates, candidates become labels, labels become frames.
+
+pub mod base;
+pub mod flow;
+pub mod library;
+pub mod raster;
+pub mod video;

@@ -1,0 +1,5 @@
+//! The library of clips: variants, pieces, and the pack that holds them.
+
+pub mod grid;
+pub mod piece;
+pub mod variant;

@@ -1,0 +1,3 @@
+//! `enliven`: animates a picture.
+
+fn main() {}

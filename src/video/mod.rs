@@ -1,0 +1,3 @@
+//! Reading and writing moving pictures.
+
+pub mod clip;
