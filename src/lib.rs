@@ -4,6 +4,7 @@
 //! picture with a matte becomes nodes, nodes get candidates, candidates become labels, labels become frames.
 
 pub mod base;
+pub mod cli;
 pub mod flow;
 pub mod library;
 pub mod raster;

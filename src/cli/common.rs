@@ -1,0 +1,162 @@
+//! What both programs share: progress on the terminal, Ctrl-C, threads, exit codes.
+
+use std::collections::BTreeMap;
+use std::io::IsTerminal;
+use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+
+use crate::base::error::Result;
+use crate::base::observe::Observer;
+use crate::base::par;
+
+/// Options every command takes.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Common {
+    /// Worker threads; 0 means one per core. Results do not depend on it
+    #[arg(long, default_value_t = 0, global = true)]
+    pub threads: usize,
+    /// No progress and no notes
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+}
+
+impl Common {
+    /// Starts the threads, catches Ctrl-C and returns the terminal's observer.
+    ///
+    /// # Errors
+    /// When threads cannot be started.
+    pub fn start(&self) -> Result<Terminal> {
+        par::init(self.threads)?;
+        let terminal = Terminal::new(self.quiet);
+        let cancelled = Arc::clone(&terminal.cancelled);
+        // A second Ctrl-C leaves at once: temporary files then stay, but nothing under a final name.
+        let handler = move || {
+            if cancelled.swap(true, Ordering::SeqCst) {
+                std::process::exit(130);
+            }
+        };
+        if ctrlc::set_handler(handler).is_err() {
+            tracing::warn!("Ctrl-C cannot be caught here; interrupting will leave temporary files");
+        }
+        Ok(terminal)
+    }
+}
+
+/// Prints progress bars and notes to standard error. Without a terminal, a line per stage longer than a second.
+pub struct Terminal {
+    quiet: bool,
+    cancelled: Arc<AtomicBool>,
+    bars: MultiProgress,
+    open: Mutex<BTreeMap<String, ProgressBar>>,
+}
+
+impl Terminal {
+    fn new(quiet: bool) -> Self {
+        Self { quiet, cancelled: Arc::default(), bars: MultiProgress::new(), open: Mutex::default() }
+    }
+
+    fn with_bar(&self, stage: &str, act: impl FnOnce(&ProgressBar)) {
+        if let Ok(open) = self.open.lock()
+            && let Some(bar) = open.get(stage)
+        {
+            act(bar);
+        }
+    }
+}
+
+impl Observer for Terminal {
+    fn begin(&self, stage: &str, total: u64) {
+        if self.quiet || !std::io::stderr().is_terminal() {
+            return;
+        }
+        let (bar, template) = if total > 0 {
+            (ProgressBar::new(total), "{msg:28} {bar:30} {pos}/{len} {eta}")
+        } else {
+            (ProgressBar::new_spinner(), "{msg:28} {spinner} {elapsed}")
+        };
+        let bar = self.bars.add(bar);
+        bar.set_style(ProgressStyle::with_template(template).unwrap_or_else(|_| ProgressStyle::default_bar()));
+        bar.set_message(stage.to_owned());
+        bar.enable_steady_tick(Duration::from_millis(200));
+        if let Ok(mut open) = self.open.lock()
+            && let Some(old) = open.insert(stage.to_owned(), bar)
+        {
+            old.finish_and_clear();
+        }
+    }
+
+    fn advance(&self, stage: &str, steps: u64) {
+        self.with_bar(stage, |bar| bar.inc(steps));
+    }
+
+    fn end(&self, stage: &str, seconds: f64) {
+        let bar = self.open.lock().ok().and_then(|mut open| open.remove(stage));
+        if let Some(bar) = bar {
+            bar.finish_and_clear();
+        }
+        if !self.quiet && seconds >= 1.0 {
+            self.bars.suspend(|| eprintln!("{stage}: {seconds:.1} s"));
+        }
+    }
+
+    fn note(&self, message: &str) {
+        if !self.quiet {
+            self.bars.suspend(|| eprintln!("{message}"));
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.cancelled.load(Ordering::SeqCst)
+    }
+}
+
+/// Prints an error as one line and turns a result into the process's exit code.
+pub fn exit(result: Result<()>) -> ExitCode {
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::from(error.exit_code())
+        }
+    }
+}
+
+/// Seconds as "1 h 02 min", "3 min 05 s" or "4.2 s".
+pub fn duration(seconds: f64) -> String {
+    let whole = seconds.round() as u64;
+    match whole {
+        0..60 => format!("{seconds:.1} s"),
+        60..3600 => format!("{} min {:02} s", whole / 60, whole % 60),
+        _ => format!("{} h {:02} min", whole / 3600, whole / 60 % 60),
+    }
+}
+
+/// Bytes as "12.3 MB" (powers of ten).
+pub fn bytes(count: u64) -> String {
+    let units = ["B", "kB", "MB", "GB", "TB"];
+    let mut value = count as f64;
+    let mut unit = 0;
+    while value >= 1000.0 && unit + 1 < units.len() {
+        value /= 1000.0;
+        unit += 1;
+    }
+    if unit == 0 { format!("{count} B") } else { format!("{value:.1} {}", units[unit]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_and_times_read_well() {
+        assert_eq!(duration(4.21), "4.2 s");
+        assert_eq!(duration(185.0), "3 min 05 s");
+        assert_eq!(duration(3725.0), "1 h 02 min");
+        assert_eq!(bytes(999), "999 B");
+        assert_eq!(bytes(12_340_000), "12.3 MB");
+    }
+}

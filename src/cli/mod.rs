@@ -1,0 +1,3 @@
+//! The commands of the two programs, thin: parse, call the library, print.
+
+pub mod common;
