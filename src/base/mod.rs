@@ -1,5 +1,6 @@
-//! What every other module stands on: errors, threads, hashing randomness, progress and matrix products.
+//! What every other module stands on: errors, threads, hashing randomness, progress, whole files and matrix products.
 
+pub mod atomic_file;
 pub mod error;
 pub mod matmul;
 pub mod observe;
