@@ -1,3 +1,4 @@
 //! Reading and writing moving pictures.
 
 pub mod clip;
+pub mod yuv;
