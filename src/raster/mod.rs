@@ -1,5 +1,6 @@
-//! Images in memory and the filters on them.
+//! Images in memory, the filters on them, and single pictures in files.
 
 pub mod filter;
 pub mod image;
+pub mod picture_io;
 pub mod resample;
