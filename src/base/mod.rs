@@ -4,5 +4,6 @@ pub mod atomic_file;
 pub mod error;
 pub mod matmul;
 pub mod observe;
+pub mod options;
 pub mod par;
 pub mod rng;

@@ -1,0 +1,300 @@
+//! Options declared once: name, description, unit, range, default and where the paper speaks of them.
+//!
+//! [`declare_options!`](crate::declare_options) makes a plain struct from the declarations; the same declarations
+//! check scene files and command lines and write the documentation.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::error::{Error, Kind, Result};
+
+/// A value as a scene file or a command line gives it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(untagged)]
+pub enum Value {
+    /// `true` or `false`.
+    Switch(bool),
+    /// A whole number.
+    Integer(i64),
+    /// Any other number.
+    Number(f64),
+    /// Anything else.
+    Text(String),
+}
+
+impl Value {
+    /// Reads what a person typed: a switch, a number, or else text.
+    pub fn parse(text: &str) -> Self {
+        match text.trim() {
+            "true" | "on" | "yes" => Self::Switch(true),
+            "false" | "off" | "no" => Self::Switch(false),
+            other => other
+                .parse::<i64>()
+                .map(Self::Integer)
+                .or_else(|_| other.parse::<f64>().map(Self::Number))
+                .unwrap_or_else(|_| Self::Text(other.to_owned())),
+        }
+    }
+}
+
+impl std::fmt::Display for Value {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Switch(v) => write!(f, "{v}"),
+            Self::Integer(v) => write!(f, "{v}"),
+            Self::Number(v) => write!(f, "{v}"),
+            Self::Text(v) => write!(f, "{v:?}"),
+        }
+    }
+}
+
+/// Options as read, unchecked, in order of name.
+pub type Table = BTreeMap<String, Value>;
+
+/// One option's declaration.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Declared {
+    /// Name, as a scene file writes it.
+    pub name: &'static str,
+    /// What it does, and which way is more.
+    pub doc: &'static str,
+    /// Unit of the value.
+    pub unit: &'static str,
+    /// Smallest and largest value; (0, 1) for switches.
+    pub range: (f64, f64),
+    /// Value when nobody says otherwise.
+    pub default: Value,
+    /// Where the method's paper (or our notes) speaks of it.
+    pub section: &'static str,
+}
+
+/// A type an option can have.
+pub trait OptionType: Sized {
+    /// From a value of the right sort.
+    fn from_value(value: &Value) -> Option<Self>;
+    /// As a value.
+    fn to_value(&self) -> Value;
+    /// Position within the declared range.
+    fn number(&self) -> f64;
+    /// The sort of value, for people.
+    const SORT: &'static str;
+}
+
+impl OptionType for f32 {
+    const SORT: &'static str = "a number";
+    fn from_value(value: &Value) -> Option<Self> {
+        match value {
+            Value::Integer(v) => Some(*v as f32),
+            Value::Number(v) => Some(*v as f32),
+            _ => None,
+        }
+    }
+    fn to_value(&self) -> Value {
+        // Through the shortest decimal, so that 0.3 is written as 0.3.
+        Value::Number(self.to_string().parse().unwrap_or(f64::from(*self)))
+    }
+    fn number(&self) -> f64 {
+        f64::from(*self)
+    }
+}
+
+impl OptionType for usize {
+    const SORT: &'static str = "a whole number";
+    fn from_value(value: &Value) -> Option<Self> {
+        match value {
+            Value::Integer(v) => usize::try_from(*v).ok(),
+            _ => None,
+        }
+    }
+    fn to_value(&self) -> Value {
+        Value::Integer(*self as i64)
+    }
+    fn number(&self) -> f64 {
+        *self as f64
+    }
+}
+
+impl OptionType for bool {
+    const SORT: &'static str = "true or false";
+    fn from_value(value: &Value) -> Option<Self> {
+        match value {
+            Value::Switch(v) => Some(*v),
+            _ => None,
+        }
+    }
+    fn to_value(&self) -> Value {
+        Value::Switch(*self)
+    }
+    fn number(&self) -> f64 {
+        f64::from(u8::from(*self))
+    }
+}
+
+/// Reads one option, or its default when `table` does not have it.
+///
+/// # Errors
+/// A value of the wrong sort or out of range, by name.
+pub fn read<T: OptionType>(owner: &str, declared: &Declared, default: T, table: &Table) -> Result<T> {
+    let Some(value) = table.get(declared.name) else { return Ok(default) };
+    let (low, high) = declared.range;
+    let name = format!("{owner}.{}", declared.name);
+    let allowed = || if T::SORT == bool::SORT { T::SORT.to_owned() } else { format!("{} from {low} to {high}", T::SORT) };
+    let read = T::from_value(value)
+        .ok_or_else(|| Error::new(Kind::Usage, &name, format!("{value} is not {}", T::SORT)).allowed(allowed()))?;
+    if !(low..=high).contains(&read.number()) {
+        return Err(Error::new(Kind::Usage, name, format!("{value} is out of range")).allowed(allowed()));
+    }
+    Ok(read)
+}
+
+/// Refuses keys that are not among `known`, naming the nearest one.
+///
+/// # Errors
+/// The first unknown key.
+pub fn refuse_unknown<'a>(
+    owner: &str,
+    keys: impl IntoIterator<Item = &'a str>,
+    known: &[&'static str],
+) -> Result<()> {
+    match keys.into_iter().find(|key| !known.contains(key)) {
+        None => Ok(()),
+        Some(key) => Err(unknown(owner, key, known)),
+    }
+}
+
+/// The error for an unknown `key` of `owner`.
+pub fn unknown(owner: &str, key: &str, known: &[&str]) -> Error {
+    let subject = if owner.is_empty() { key.to_owned() } else { format!("{owner}.{key}") };
+    let error = Error::new(Kind::Usage, subject, "no such key").allowed(known.join(", "));
+    match nearest(key, known) {
+        Some(name) => error.remedy(format!("did you mean {name:?}?")),
+        None => error,
+    }
+}
+
+/// The known name nearest to `name` by edit distance, when it is near enough to be meant.
+pub fn nearest<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
+    let best = known.iter().map(|&k| (distance(name, k), k)).min()?;
+    (best.0 <= name.chars().count().max(best.1.len()) / 2).then_some(best.1)
+}
+
+/// Edit distance (Levenshtein 1966) between two short names, ignoring case.
+fn distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.to_lowercase().chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.to_lowercase().chars().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, &cb) in b.iter().enumerate() {
+            let replace = diagonal + usize::from(ca != cb);
+            diagonal = row[j + 1];
+            row[j + 1] = replace.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}
+
+/// Declares a struct of options: each field once, with documentation, type, default, range, unit and section.
+///
+/// The struct gets `Default`, `declared() -> Vec<Declared>`, `from_table(&Table) -> Result<Self>` (unknown keys, wrong
+/// sorts and ranges are errors) and `to_table() -> Table`.
+#[macro_export]
+macro_rules! declare_options {
+    (
+        $(#[$outer:meta])*
+        pub struct $name:ident named $owner:literal {
+            $( $(#[doc = $doc:literal])+
+               $field:ident: $type:ty = $default:expr, in $low:expr, $high:expr, $unit:literal, $section:literal; )*
+        }
+    ) => {
+        $(#[$outer])*
+        #[derive(Debug, Clone, PartialEq)]
+        pub struct $name {
+            $( $(#[doc = $doc])+ pub $field: $type, )*
+        }
+
+        impl Default for $name {
+            fn default() -> Self {
+                Self { $( $field: $default, )* }
+            }
+        }
+
+        impl $name {
+            /// The declarations, in order.
+            pub fn declared() -> Vec<$crate::base::options::Declared> {
+                use $crate::base::options::OptionType;
+                let default = Self::default();
+                vec![$( $crate::base::options::Declared {
+                    name: stringify!($field),
+                    doc: concat!($($doc),+).trim_ascii(),
+                    unit: $unit,
+                    range: ($low as f64, $high as f64),
+                    default: default.$field.to_value(),
+                    section: $section,
+                }, )*]
+            }
+
+            /// Reads and checks a table; options it does not name keep their defaults.
+            ///
+            /// # Errors
+            /// Unknown keys, values of the wrong sort or out of range, by name.
+            pub fn from_table(table: &$crate::base::options::Table) -> $crate::base::error::Result<Self> {
+                let known = [$( stringify!($field), )*];
+                $crate::base::options::refuse_unknown($owner, table.keys().map(String::as_str), &known)?;
+                let default = Self::default();
+                let declared = Self::declared();
+                let mut declared = declared.iter();
+                Ok(Self { $( $field: $crate::base::options::read(
+                    $owner, declared.next().expect("one declaration a field"), default.$field, table)?, )* })
+            }
+
+            /// Every option with its value.
+            pub fn to_table(&self) -> $crate::base::options::Table {
+                use $crate::base::options::OptionType;
+                [$( (stringify!($field).to_owned(), self.$field.to_value()), )*].into_iter().collect()
+            }
+        }
+    };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    declare_options! {
+        /// Options of a test.
+        pub struct Sample named "sample" {
+            /// How strong.
+            strength: f32 = 0.3, in 0.0, 2.0, "ratio", "§1";
+            /// How many.
+            count: usize = 100, in 1, 1000, "pieces", "§2";
+            /// Whether.
+            quick: bool = false, in 0, 1, "", "§3";
+        }
+    }
+
+    fn table(text: &[(&str, &str)]) -> Table {
+        text.iter().map(|(k, v)| ((*k).to_owned(), Value::parse(v))).collect()
+    }
+
+    #[test]
+    fn declared_once_serves_reading_writing_and_documentation() {
+        let sample = Sample::from_table(&table(&[("strength", "1"), ("quick", "true")])).unwrap();
+        assert_eq!(sample, Sample { strength: 1.0, count: 100, quick: true });
+        assert_eq!(Sample::from_table(&sample.to_table()).unwrap(), sample);
+        assert_eq!(Sample::default().to_table()["strength"], Value::Number(0.3));
+        assert_eq!(Sample::declared()[1].doc, "How many.");
+    }
+
+    #[test]
+    fn mistakes_are_named_with_a_remedy() {
+        let message = |t: &[(&str, &str)]| Sample::from_table(&table(t)).unwrap_err().to_string();
+        assert!(message(&[("strenght", "1")]).contains("did you mean \"strength\"?"));
+        assert!(message(&[("strength", "3")]).contains("sample.strength"));
+        assert!(message(&[("strength", "nan")]).contains("out of range"));
+        assert!(message(&[("count", "2.5")]).contains("a whole number from 1 to 1000"));
+        assert!(message(&[("quick", "1")]).contains("true or false"));
+        assert!(!message(&[("xyzzyqwerty", "1")]).contains("did you mean"));
+    }
+}

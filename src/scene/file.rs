@@ -1,0 +1,130 @@
+//! The scene file: TOML with paths relative to its folder, and each method's options as unread tables.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::base::error::{Error, Kind, Result};
+use crate::base::options::{Table, Value, refuse_unknown, unknown};
+
+/// Keys of a scene file outside its tables.
+pub const KEYS: [&str; 9] =
+    ["picture", "matte", "background", "library", "use", "method", "reference", "motion", "output"];
+/// Keys of `[motion]`.
+pub const MOTION_KEYS: [&str; 1] = ["direction"];
+/// Keys of `[output]`.
+pub const OUTPUT_KEYS: [&str; 5] = ["frames", "fps", "size", "working_size", "seed"];
+
+/// A scene as a person writes it; everything but the picture is optional.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct SceneFile {
+    /// The picture to animate.
+    pub picture: PathBuf,
+    /// Grey image of the picture's size, white = fluid; none: all of it moves.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub matte: Option<PathBuf>,
+    /// What is behind the fluid, of the picture's size.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub background: Option<PathBuf>,
+    /// Packs to borrow motion from.
+    pub library: Vec<PathBuf>,
+    /// Only clips with one of these tags; empty: all clips.
+    #[serde(rename = "use", skip_serializing_if = "Vec::is_empty")]
+    pub tags: Vec<String>,
+    /// Registry name of the method.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub method: Option<String>,
+    /// A real clip to measure against.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub reference: Option<PathBuf>,
+    /// Asked motion.
+    pub motion: Motion,
+    /// What to write.
+    pub output: Output,
+    /// Option tables by method name, unread; the methods check them.
+    #[serde(flatten)]
+    pub options: BTreeMap<String, Table>,
+}
+
+/// Asked motion.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Motion {
+    /// Main direction of the flow in degrees: 0 = right, 90 = down.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub direction: Option<f32>,
+}
+
+/// What to write.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct Output {
+    /// Number of frames of the loop.
+    pub frames: usize,
+    /// Frames per second.
+    pub fps: f32,
+    /// Width and height in pixels; none: the picture's, at most 1920 on the long side.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub size: Option<[usize; 2]>,
+    /// Long side, in pixels, of the image the motion is made at.
+    pub working_size: usize,
+    /// Seed of every random choice.
+    pub seed: u64,
+}
+
+impl Default for Output {
+    fn default() -> Self {
+        Self { frames: 120, fps: 25.0, size: None, working_size: 640, seed: 1 }
+    }
+}
+
+/// Reads the text of a scene file; `path` is for the messages.
+///
+/// # Errors
+/// Broken TOML, unknown keys (naming the nearest), wrong sorts of values.
+pub fn parse(text: &str, path: &Path) -> Result<SceneFile> {
+    let bad = |e: toml::de::Error| Error::file(Kind::Usage, path, one_line(&e.to_string())).source(e);
+    let table: toml::Table = text.parse().map_err(bad)?;
+    for (key, value) in &table {
+        let inner = || value.as_table().into_iter().flat_map(|t| t.keys().map(String::as_str));
+        match key.as_str() {
+            "motion" => refuse_unknown("motion", inner(), &MOTION_KEYS)?,
+            "output" => refuse_unknown("output", inner(), &OUTPUT_KEYS)?,
+            known if KEYS.contains(&known) => {}
+            _ if value.is_table() => {}
+            _ => return Err(unknown("", key, &KEYS)),
+        }
+    }
+    table.try_into().map_err(bad)
+}
+
+/// Writes a scene as a file's text.
+///
+/// # Errors
+/// A path that is not UTF-8.
+pub fn format(scene: &SceneFile) -> Result<String> {
+    toml::to_string_pretty(scene)
+        .map_err(|e| Error::new(Kind::Unusable, "scene", format!("cannot be written: {e}")).source(e))
+}
+
+/// Sets one option as typed on a command line, `METHOD.KEY=VALUE`.
+///
+/// # Errors
+/// Text without that shape.
+pub fn set(scene: &mut SceneFile, text: &str) -> Result<()> {
+    let parts = text.split_once('=').and_then(|(name, value)| Some((name.split_once('.')?, value)));
+    let Some(((method, key), value)) = parts else {
+        return Err(Error::new(Kind::Usage, "--set", format!("cannot read {text:?}"))
+            .allowed("METHOD.KEY=VALUE")
+            .remedy("for example --set database.shutter=4"));
+    };
+    let table = scene.options.entry(method.trim().to_owned()).or_default();
+    table.insert(key.trim().to_owned(), Value::parse(value));
+    Ok(())
+}
+
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}

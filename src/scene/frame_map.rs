@@ -1,0 +1,127 @@
+//! Picture, working and output coordinates. Everything a person types or reads is in picture pixels.
+
+use crate::base::error::{Error, Kind, Result};
+use crate::library::variant::PIECE;
+
+/// Position in pixels of the picture file, centres at ½.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PicturePoint(pub f32, pub f32);
+/// Position in pixels of the working image, centres at ½.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct WorkingPoint(pub f32, pub f32);
+/// Position in pixels of the output, centres at ½.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct OutputPoint(pub f32, pub f32);
+
+/// Sizes of picture, working image and output, and the maps between their coordinates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct FrameMap {
+    /// Width and height of the picture.
+    pub picture: (usize, usize),
+    /// Width and height of the working image.
+    pub working: (usize, usize),
+    /// Width and height of the output.
+    pub output: (usize, usize),
+}
+
+/// Longest side of the output when no size is asked for.
+pub const DEFAULT_LONG_SIDE: usize = 1920;
+
+impl FrameMap {
+    /// Sizes for a picture: the working image has a long side of `working_long` pixels, or the picture's own when that
+    /// is smaller (pictures are never enlarged); the output is `size`, or the picture's size, at most
+    /// [`DEFAULT_LONG_SIDE`] on its long side.
+    ///
+    /// # Errors
+    /// A working image smaller than a piece, or an output of another shape than the picture.
+    pub fn new(picture: (usize, usize), size: Option<[usize; 2]>, working_long: usize) -> Result<Self> {
+        let (working, output) = (fit(picture, working_long), fit(picture, DEFAULT_LONG_SIDE));
+        let output = size.map_or(output, |[w, h]| (w, h));
+        if working.0.min(working.1) < PIECE {
+            return Err(Error::new(
+                Kind::Unusable,
+                "picture",
+                format!("{} × {} pixels, {} × {} at working size", picture.0, picture.1, working.0, working.1),
+            )
+            .allowed(format!("at least {PIECE} pixels each way at working size, the side of a piece of motion"))
+            .remedy("use a larger picture, or a larger --working-size for a long thin one"));
+        }
+        let height = (output.0 as f64 * picture.1 as f64 / picture.0 as f64).round() as usize;
+        if output.1.abs_diff(height) > 2 {
+            return Err(Error::new(
+                Kind::Usage,
+                "output.size",
+                format!("{} × {} has another shape than the picture", output.0, output.1),
+            )
+            .allowed(format!("{} × {height}", output.0)));
+        }
+        Ok(Self { picture, working, output })
+    }
+
+    /// Output pixels per working pixel.
+    pub fn output_scale(&self) -> f32 {
+        self.output.0 as f32 / self.working.0 as f32
+    }
+
+    /// From the picture to the working image.
+    pub fn to_working(&self, p: PicturePoint) -> WorkingPoint {
+        let (x, y) = between(self.picture, self.working, p.0, p.1);
+        WorkingPoint(x, y)
+    }
+
+    /// From the picture to the output.
+    pub fn to_output(&self, p: PicturePoint) -> OutputPoint {
+        let (x, y) = between(self.picture, self.output, p.0, p.1);
+        OutputPoint(x, y)
+    }
+
+    /// From the working image to the picture.
+    pub fn to_picture(&self, p: WorkingPoint) -> PicturePoint {
+        let (x, y) = between(self.working, self.picture, p.0, p.1);
+        PicturePoint(x, y)
+    }
+}
+
+/// `size` shrunk to a long side of at most `long` pixels.
+fn fit((w, h): (usize, usize), long: usize) -> (usize, usize) {
+    let ratio = long as f64 / w.max(h) as f64;
+    if ratio >= 1.0 {
+        return (w, h);
+    }
+    let of = |v: usize| ((v as f64 * ratio).round() as usize).max(1);
+    (of(w), of(h))
+}
+
+fn between(from: (usize, usize), to: (usize, usize), x: f32, y: f32) -> (f32, f32) {
+    (x * to.0 as f32 / from.0 as f32, y * to.1 as f32 / from.1 as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pictures_are_shrunk_but_never_enlarged() {
+        let map = FrameMap::new((6000, 4000), None, 640).unwrap();
+        assert_eq!((map.working, map.output), ((640, 427), (1920, 1280)));
+        let map = FrameMap::new((100, 80), None, 640).unwrap();
+        assert_eq!((map.working, map.output), ((100, 80), (100, 80)));
+        assert_eq!(FrameMap::new((100, 80), Some([50, 40]), 640).unwrap().output, (50, 40));
+    }
+
+    #[test]
+    fn small_pictures_and_other_shapes_are_refused() {
+        assert!(FrameMap::new((1, 1), None, 640).unwrap_err().to_string().contains("at least 48 pixels"));
+        assert!(FrameMap::new((4000, 200), None, 640).is_err());
+        assert!(FrameMap::new((400, 300), Some([400, 400]), 640).unwrap_err().to_string().contains("400 × 300"));
+    }
+
+    #[test]
+    fn maps_are_inverse_and_keep_the_corners() {
+        let map = FrameMap::new((1280, 720), None, 640).unwrap();
+        let there = map.to_working(PicturePoint(1280.0, 720.0));
+        assert_eq!(there, WorkingPoint(640.0, 360.0));
+        assert_eq!(map.to_picture(there), PicturePoint(1280.0, 720.0));
+        assert_eq!(map.to_output(PicturePoint(3.5, 7.5)), OutputPoint(3.5, 7.5));
+    }
+}

@@ -1,0 +1,6 @@
+//! What is to be animated: a picture, its matte, and what a person asked for.
+
+pub mod file;
+pub mod frame_map;
+#[expect(clippy::module_inception, reason = "the scene is what this group is about")]
+pub mod scene;
