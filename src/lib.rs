@@ -8,7 +8,5 @@ pub mod cli;
 pub mod flow;
 pub mod library;
 pub mod raster;
-pub mod render;
 pub mod scene;
-pub mod synth;
 pub mod video;

@@ -139,7 +139,8 @@ pub fn read<T: OptionType>(owner: &str, declared: &Declared, default: T, table: 
     let Some(value) = table.get(declared.name) else { return Ok(default) };
     let (low, high) = declared.range;
     let name = format!("{owner}.{}", declared.name);
-    let allowed = || if T::SORT == bool::SORT { T::SORT.to_owned() } else { format!("{} from {low} to {high}", T::SORT) };
+    let allowed =
+        || if T::SORT == bool::SORT { T::SORT.to_owned() } else { format!("{} from {low} to {high}", T::SORT) };
     let read = T::from_value(value)
         .ok_or_else(|| Error::new(Kind::Usage, &name, format!("{value} is not {}", T::SORT)).allowed(allowed()))?;
     if !(low..=high).contains(&read.number()) {
@@ -152,11 +153,7 @@ pub fn read<T: OptionType>(owner: &str, declared: &Declared, default: T, table: 
 ///
 /// # Errors
 /// The first unknown key.
-pub fn refuse_unknown<'a>(
-    owner: &str,
-    keys: impl IntoIterator<Item = &'a str>,
-    known: &[&'static str],
-) -> Result<()> {
+pub fn refuse_unknown<'a>(owner: &str, keys: impl IntoIterator<Item = &'a str>, known: &[&'static str]) -> Result<()> {
     match keys.into_iter().find(|key| !known.contains(key)) {
         None => Ok(()),
         Some(key) => Err(unknown(owner, key, known)),

@@ -1,0 +1,217 @@
+//! A scene whose settings have been checked; its pixels are read when they are needed.
+
+use std::path::{Path, PathBuf};
+
+use super::file::{self, SceneFile};
+use super::frame_map::FrameMap;
+use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::Observer;
+use crate::base::options::Table;
+use crate::raster::image::{Color, Plane, Rgb8};
+use crate::raster::picture_io::{picture_size, read_grey, read_picture};
+use crate::raster::resample::{resize, resize_rgb8};
+
+/// Name of the scene file within a scene's folder.
+pub const SCENE_FILE: &str = "scene.toml";
+
+/// Reads what a person points at: a scene file, a folder with a `scene.toml`, or a picture. Paths in the result no
+/// longer depend on the scene file's place.
+///
+/// # Errors
+/// A missing or unreadable file, or those of [`file::parse`].
+pub fn open(path: &Path) -> Result<SceneFile> {
+    let path = if path.is_dir() { path.join(SCENE_FILE) } else { path.to_owned() };
+    if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
+        return Ok(SceneFile { picture: path, ..SceneFile::default() });
+    }
+    let text = std::fs::read_to_string(&path).map_err(|e| Error::io(&path, "read the scene", e))?;
+    let mut scene = file::parse(&text, &path)?;
+    let folder = path.parent().unwrap_or(Path::new("."));
+    for_each_path(&mut scene, |p| *p = if p.as_os_str().is_empty() { PathBuf::new() } else { folder.join(&*p) });
+    Ok(scene)
+}
+
+fn for_each_path(scene: &mut SceneFile, mut f: impl FnMut(&mut PathBuf)) {
+    f(&mut scene.picture);
+    let SceneFile { matte, background, reference, library, .. } = scene;
+    [matte, background, reference].into_iter().flatten().chain(library).for_each(f);
+}
+
+/// A checked scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    file: SceneFile,
+    map: FrameMap,
+}
+
+/// The pixels of a scene.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Still {
+    /// Sizes and coordinates.
+    pub map: FrameMap,
+    /// The picture at output size; the file's own bytes when the sizes agree.
+    pub picture: Rgb8,
+    /// The matte at output size, 0 = still, 1 = fluid.
+    pub matte: Plane,
+    /// The picture at working size.
+    pub working: Color,
+    /// The matte at working size, 0 = still, 1 = fluid.
+    pub working_matte: Plane,
+    /// What is behind the fluid, at output size.
+    pub background: Option<Rgb8>,
+}
+
+impl Scene {
+    /// Checks everything that can be checked without decoding pixels.
+    ///
+    /// # Errors
+    /// A value out of range, a file that is missing, a matte or background of another size, a picture too small or too
+    /// large; each by name.
+    pub fn new(mut file: SceneFile) -> Result<Self> {
+        check_numbers(&file)?;
+        if let Some(direction) = &mut file.motion.direction {
+            *direction = direction.rem_euclid(360.0);
+        }
+        if file.picture.as_os_str().is_empty() {
+            return Err(Error::new(Kind::Usage, "picture", "no picture given").remedy("name a picture or a scene file"));
+        }
+        let size = picture_size(&file.picture)?;
+        for (path, what) in [(&file.matte, "matte"), (&file.background, "background")] {
+            path.as_deref().map_or(Ok(()), |path| same_size(path, what, size))?;
+        }
+        for path in file.library.iter().chain(&file.reference) {
+            exists(path)?;
+        }
+        let map = FrameMap::new(size, file.output.size, file.output.working_size)?;
+        Ok(Self { file, map })
+    }
+
+    /// The settings, with paths that do not depend on a scene file's place.
+    pub fn settings(&self) -> &SceneFile {
+        &self.file
+    }
+
+    /// Sizes of picture, working image and output.
+    pub fn frame_map(&self) -> FrameMap {
+        self.map
+    }
+
+    /// The options given for a method, unread.
+    pub fn options(&self, method: &str) -> Table {
+        self.file.options.get(method).cloned().unwrap_or_default()
+    }
+
+    /// Replaces the options of a method, so that a written scene holds every value that was used.
+    pub fn set_options(&mut self, method: &str, table: Table) {
+        self.file.method = Some(method.to_owned());
+        self.file.options.insert(method.to_owned(), table);
+    }
+
+    /// Everything needed to repeat the run, as a scene file's text that will lie in `folder`.
+    ///
+    /// # Errors
+    /// A path that is not UTF-8.
+    pub fn to_toml(&self, folder: &Path) -> Result<String> {
+        let mut file = self.file.clone();
+        for_each_path(&mut file, |path| *path = relative(path, folder));
+        file.output.size = Some([self.map.output.0, self.map.output.1]);
+        file::format(&file)
+    }
+
+    /// Reads the pixels.
+    ///
+    /// # Errors
+    /// Unreadable files, and a matte that is all black.
+    pub fn still(&self, observer: &dyn Observer) -> Result<Still> {
+        let map = self.map;
+        let picture = read_picture(&self.file.picture)?.rgb;
+        let matte = match &self.file.matte {
+            Some(path) => read_matte(path)?,
+            None => {
+                observer.note("no matte given: all of the picture moves");
+                Plane::filled(map.picture.0, map.picture.1, 1.0)
+            }
+        };
+        let working = shrink(&picture, map.working);
+        let background = self.file.background.as_deref().map(read_picture).transpose()?;
+        Ok(Still {
+            picture: resize_rgb8(&picture, map.output.0, map.output.1),
+            matte: resize_matte(&matte, map.output),
+            working,
+            working_matte: resize_matte(&matte, map.working),
+            background: background.map(|b| resize_rgb8(&b.rgb, map.output.0, map.output.1)),
+            map,
+        })
+    }
+}
+
+fn check_numbers(file: &SceneFile) -> Result<()> {
+    let out = &file.output;
+    let bad = |key: &str, value: String, allowed: &str| {
+        Err(Error::new(Kind::Usage, key, format!("{value} is out of range")).allowed(allowed))
+    };
+    if !(2..=100_000).contains(&out.frames) {
+        return bad("output.frames", out.frames.to_string(), "2 to 100000");
+    }
+    if !(1.0..=240.0).contains(&out.fps) {
+        return bad("output.fps", out.fps.to_string(), "1 to 240");
+    }
+    if !(96..=4096).contains(&out.working_size) {
+        return bad("output.working_size", out.working_size.to_string(), "96 to 4096");
+    }
+    if let Some([w, h]) = out.size.filter(|s| s.iter().any(|v| !(16..=8192).contains(v))) {
+        return bad("output.size", format!("{w} × {h}"), "16 to 8192 each way");
+    }
+    match file.motion.direction {
+        Some(d) if !(-360.0..=360.0).contains(&d) => {
+            bad("motion.direction", d.to_string(), "-360 to 360 degrees; 0 = right, 90 = down")
+        }
+        _ => Ok(()),
+    }
+}
+
+fn same_size(path: &Path, what: &str, size: (usize, usize)) -> Result<()> {
+    let found = picture_size(path)?;
+    if found == size {
+        return Ok(());
+    }
+    let problem = format!("the {what} is {} × {} pixels, the picture {} × {}", found.0, found.1, size.0, size.1);
+    Err(Error::file(Kind::Unusable, path, problem).remedy(format!("make the {what} the picture's size")))
+}
+
+fn exists(path: &Path) -> Result<()> {
+    std::fs::metadata(path).map(|_| ()).map_err(|e| Error::io(path, "open", e))
+}
+
+/// Reads a matte, which must have a pixel of fluid.
+fn read_matte(path: &Path) -> Result<Plane> {
+    let matte = read_grey(path)?;
+    if matte.data.iter().all(|&v| v < 0.5 / 255.0) {
+        return Err(Error::file(Kind::Unusable, path, "the matte is all black: nothing would move")
+            .allowed("white where the fluid is"));
+    }
+    Ok(matte)
+}
+
+fn resize_matte(matte: &Plane, size: (usize, usize)) -> Plane {
+    // Below half an 8-bit step the resampler's ripples are not paint.
+    resize(matte, size.0, size.1).map(|v| if v < 0.5 / 255.0 { 0.0 } else { v.min(1.0) })
+}
+
+/// Resizes channel by channel, so that a large picture never exists as three planes of floats.
+fn shrink(picture: &Rgb8, (width, height): (usize, usize)) -> Color {
+    Color::from_planes(std::array::from_fn(|c| {
+        let data = picture.data.iter().skip(c).step_by(3).map(|&v| f32::from(v) * (1.0 / 255.0)).collect();
+        resize(&Plane::from_vec(picture.width, picture.height, data), width, height).map(|v| v.clamp(0.0, 1.0))
+    }))
+}
+
+/// `path` as seen from `folder`, when both exist; otherwise `path` itself.
+fn relative(path: &Path, folder: &Path) -> PathBuf {
+    let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
+    let (Ok(path), Ok(folder)) = (path.canonicalize(), folder.canonicalize()) else { return path.to_owned() };
+    let shared = path.components().zip(folder.components()).take_while(|(a, b)| a == b).count();
+    let up = folder.components().skip(shared).map(|_| Path::new(".."));
+    let down: PathBuf = path.components().skip(shared).collect();
+    up.collect::<PathBuf>().join(down)
+}

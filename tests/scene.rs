@@ -1,0 +1,138 @@
+//! Scenes: what is accepted, what is refused and in which words, and that a written scene repeats the run.
+
+use std::path::Path;
+use std::sync::Mutex;
+
+use enliven::base::error::{Error, Kind};
+use enliven::base::observe::{Observer, Silent};
+use enliven::base::options::Value;
+use enliven::raster::image::{Plane, Rgb8};
+use enliven::raster::picture_io::{write_grey_png, write_png};
+use enliven::scene::file::{SceneFile, parse, set};
+use enliven::scene::scene::{Scene, open};
+
+fn picture(folder: &Path, width: usize, height: usize) {
+    let data = (0..width * height * 3).map(|i| (i * 7 % 251) as u8).collect();
+    write_png(&folder.join("falls.png"), &Rgb8 { width, height, data }).unwrap();
+}
+
+fn matte(folder: &Path, width: usize, height: usize, value: f32) {
+    let plane = Plane::from_fn(width, height, |x, _| if x < width / 2 { value } else { 0.0 });
+    write_grey_png(&folder.join("matte.png"), &plane).unwrap();
+}
+
+fn scene(folder: &Path, text: &str) -> Result<Scene, Error> {
+    std::fs::write(folder.join("scene.toml"), text).unwrap();
+    Scene::new(open(folder)?)
+}
+
+fn message(text: &str) -> String {
+    parse(text, Path::new("scene.toml")).unwrap_err().to_string()
+}
+
+#[test]
+fn unknown_keys_name_the_nearest() {
+    assert!(message("pictur = 'a.png'").contains("did you mean \"picture\"?"));
+    assert!(message("[output]\nframe = 3").contains("output.frame: no such key"));
+    assert!(message("[output]\nframe = 3").contains("did you mean \"frames\"?"));
+    assert!(message("[motion]\ndirecton = 3").contains("did you mean \"direction\"?"));
+    let error = parse("picture = [", Path::new("scene.toml")).unwrap_err();
+    assert_eq!((error.kind(), error.subject()), (Kind::Usage, "scene.toml"));
+}
+
+#[test]
+fn paths_are_relative_to_the_scene_and_a_written_scene_repeats_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    picture(folder.path(), 100, 60);
+    matte(folder.path(), 100, 60, 1.0);
+    std::fs::write(folder.path().join("water.pack"), b"").unwrap();
+    let text = "picture = 'falls.png'\nmatte = 'matte.png'\nlibrary = ['water.pack']\n[motion]\ndirection = -90\n\
+                [output]\nframes = 7\nseed = 3\n[database]\nshutter = 2\nsigma = 0.3\n";
+    let first = scene(folder.path(), text).unwrap();
+    assert_eq!(first.settings().motion.direction, Some(270.0));
+    assert_eq!(first.options("database")["sigma"], Value::Number(0.3));
+
+    let elsewhere = folder.path().join("out");
+    std::fs::create_dir(&elsewhere).unwrap();
+    let written = first.to_toml(&elsewhere).unwrap();
+    assert!(written.contains("../falls.png") && written.contains("seed = 3"), "{written}");
+    let again = scene(&elsewhere, &written).unwrap();
+    assert_eq!(again.frame_map(), first.frame_map());
+    assert_eq!(again.still(&Silent).unwrap(), first.still(&Silent).unwrap());
+    assert_eq!(again.to_toml(&elsewhere).unwrap(), written);
+}
+
+#[test]
+fn bad_files_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let refuse = |text: &str, words: &str| {
+        let error = scene(folder.path(), text).and_then(|s| s.still(&Silent).map(|_| s)).unwrap_err().to_string();
+        assert!(error.contains(words), "{error:?} should contain {words:?}");
+    };
+    refuse("picture = 'falls.png'", "falls.png");
+    refuse("method = 'database'", "no picture given");
+    picture(folder.path(), 100, 60);
+    refuse("picture = 'falls.png'\nlibrary = ['none.pack']", "none.pack");
+    matte(folder.path(), 90, 60, 1.0);
+    refuse("picture = 'falls.png'\nmatte = 'matte.png'", "the matte is 90 × 60 pixels, the picture 100 × 60");
+    matte(folder.path(), 100, 60, 0.0);
+    refuse("picture = 'falls.png'\nmatte = 'matte.png'", "all black");
+    refuse("picture = 'falls.png'\n[output]\nframes = 0", "output.frames: 0 is out of range");
+    refuse("picture = 'falls.png'\n[output]\nfps = nan", "output.fps");
+    refuse("picture = 'falls.png'\n[output]\nframes = 'many'", "scene.toml");
+    refuse("picture = 'falls.png'\n[motion]\ndirection = inf", "motion.direction");
+    refuse("picture = 'falls.png'\n[output]\nsize = [100, 20]", "100 × 60");
+    picture(folder.path(), 1, 1);
+    refuse("picture = 'falls.png'", "at least 48 pixels");
+    std::fs::write(folder.path().join("falls.png"), "not a picture").unwrap();
+    refuse("picture = 'falls.png'", "falls.png");
+}
+
+#[test]
+fn a_hundred_megapixels_are_refused_before_they_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("falls.png");
+    let file = std::fs::File::create(&path).unwrap();
+    let mut encoder = png::Encoder::new(file, 12_500, 8_000);
+    encoder.set_color(png::ColorType::Grayscale);
+    let mut writer = encoder.write_header().unwrap();
+    writer.write_chunk(png::chunk::IDAT, &[0; 16]).unwrap();
+    drop(writer);
+    let error = Scene::new(open(&path).unwrap()).unwrap_err().to_string();
+    assert!(error.contains("falls.png") && error.contains("12500"), "{error}");
+}
+
+#[test]
+fn no_matte_is_a_warning_that_all_moves() {
+    #[derive(Default)]
+    struct Notes(Mutex<Vec<String>>);
+    impl Observer for Notes {
+        fn note(&self, message: &str) {
+            self.0.lock().unwrap().push(message.to_owned());
+        }
+    }
+    let folder = tempfile::tempdir().unwrap();
+    picture(folder.path(), 64, 64);
+    let notes = Notes::default();
+    let still = scene(folder.path(), "picture = 'falls.png'").unwrap().still(&notes).unwrap();
+    assert!(still.matte.data.iter().all(|&v| v == 1.0));
+    assert!(notes.0.lock().unwrap()[0].contains("all of the picture moves"));
+}
+
+#[test]
+fn the_picture_keeps_its_bytes_at_its_own_size() {
+    let folder = tempfile::tempdir().unwrap();
+    picture(folder.path(), 100, 60);
+    let still = scene(folder.path(), "picture = 'falls.png'\n[output]\nworking_size = 96").unwrap();
+    let still = still.still(&Silent).unwrap();
+    assert_eq!(still.picture.data, (0..100 * 60 * 3).map(|i| (i * 7 % 251) as u8).collect::<Vec<_>>());
+    assert_eq!((still.working.width(), still.working.height()), (96, 58));
+}
+
+#[test]
+fn options_are_set_as_typed() {
+    let mut file = SceneFile::default();
+    set(&mut file, "database.shutter=4").unwrap();
+    assert_eq!(file.options["database"]["shutter"], Value::Integer(4));
+    assert!(set(&mut file, "shutter=4").unwrap_err().to_string().contains("METHOD.KEY=VALUE"));
+}
