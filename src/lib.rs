@@ -5,6 +5,7 @@
 
 pub mod base;
 pub mod cli;
+pub mod descriptor;
 pub mod flow;
 pub mod library;
 pub mod raster;
