@@ -1,0 +1,209 @@
+//! The inner iterations of TV-L1: thresholding, primal and dual step fused, several iterations per pass over memory.
+
+use multiversion::multiversion;
+
+/// Lanes that row lengths are rounded up to, so that vector loops have no remainder.
+const LANES: usize = 16;
+/// Bytes of the rows that one pass over the image keeps in the second-level cache.
+const CACHE: usize = 384 << 10;
+
+/// Weights of one run of iterations.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Weights {
+    /// Bound of the thresholding step, λθ.
+    pub reach: f32,
+    /// Coupling θ between the two halves of the splitting.
+    pub theta: f32,
+    /// Dual step τ/θ.
+    pub dual_step: f32,
+}
+
+/// What each row holds, in this order.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Channel {
+    /// Horizontal motion.
+    U,
+    /// Vertical motion.
+    V,
+    /// Dual variable of u, horizontal.
+    Pux,
+    /// Dual variable of u, vertical.
+    Puy,
+    /// Dual variable of v, horizontal.
+    Pvx,
+    /// Dual variable of v, vertical.
+    Pvy,
+    /// Horizontal derivative of the second frame, warped.
+    Ix,
+    /// Vertical derivative of the second frame, warped.
+    Iy,
+    /// Residual at zero motion, I₁(x + u₀) − ∇I·u₀ − I₀.
+    Residual,
+    /// 1 / |∇I|², 0 where there is no gradient.
+    Inverse,
+}
+
+const CHANNELS: usize = 10;
+
+/// All variables of one pyramid level, row by row: ten channels of a row lie side by side, so that a pass streams
+/// through memory once.
+///
+/// A channel of a row starts with one ghost value on the left (0 for the dual variables) and ends in padding; above
+/// the first row lies a row of zeros.
+#[derive(Debug, Clone, Default)]
+pub(super) struct State {
+    pub width: usize,
+    pub height: usize,
+    padded: usize,
+    stride: usize,
+    data: Vec<f32>,
+}
+
+impl State {
+    /// Sets the size and fills everything with zeros; keeps the buffer.
+    pub fn resize(&mut self, width: usize, height: usize) {
+        (self.width, self.height) = (width, height);
+        self.padded = width.next_multiple_of(LANES);
+        self.stride = self.padded + LANES;
+        self.data.clear();
+        self.data.resize(self.row_len() * (height + 1), 0.0);
+    }
+
+    fn row_len(&self) -> usize {
+        self.stride * CHANNELS
+    }
+
+    /// One channel of row `y`.
+    pub fn row(&self, channel: Channel, y: usize) -> &[f32] {
+        let start = (y + 1) * self.row_len() + channel as usize * self.stride + 1;
+        &self.data[start..start + self.width]
+    }
+
+    /// All channels of row `y`, to write, in the order of [`Channel`].
+    pub fn row_mut(&mut self, y: usize) -> [&mut [f32]; CHANNELS] {
+        let (width, stride, len) = (self.width, self.stride, self.row_len());
+        let mut channels = self.data[(y + 1) * len..(y + 2) * len].chunks_exact_mut(stride);
+        std::array::from_fn(|_| &mut channels.next().expect("a row has all channels")[1..=width])
+    }
+
+    /// The channels of row `y`, in the order of [`Channel`].
+    pub fn all_rows(&self, y: usize) -> impl Iterator<Item = &[f32]> {
+        let len = self.row_len();
+        self.data[(y + 1) * len..(y + 2) * len].chunks_exact(self.stride).map(|c| &c[1..=self.width])
+    }
+
+    /// Sets the dual variables that would point out of the picture on the right and below to 0.
+    pub fn close_borders(&mut self) {
+        let (right, bottom) = (self.width - 1, self.height - 1);
+        for y in 0..self.height {
+            let [_, _, pux, puy, pvx, pvy, ..] = self.row_mut(y);
+            (pux[right], pvx[right]) = (0.0, 0.0);
+            if y == bottom {
+                puy.fill(0.0);
+                pvy.fill(0.0);
+            }
+        }
+    }
+
+    /// Runs `iterations` fused iterations on the calling thread.
+    pub fn iterate(&mut self, iterations: usize, weights: Weights) {
+        let depth = (CACHE / (self.row_len() * size_of::<f32>()).max(1)).clamp(1, 32);
+        let mut left = iterations;
+        while left > 0 {
+            let block = left.min(depth);
+            pass(self, block, weights);
+            left -= block;
+        }
+    }
+}
+
+/// `block` iterations in one pass over the rows (a wavefront: iteration k works one row behind iteration k − 1).
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn pass(state: &mut State, block: usize, weights: Weights) {
+    pass_plain(state, block, weights);
+}
+
+/// [`pass`] for whatever instruction set the caller was compiled for. The bits do not depend on it: every value comes
+/// from the same operations in the same order, and multiply-adds are explicit.
+#[inline(always)]
+fn pass_plain(state: &mut State, block: usize, weights: Weights) {
+    let height = state.height;
+    for step in 0..height + block - 1 {
+        for k in 0..block.min(step + 1) {
+            let y = step - k;
+            if y < height {
+                primal_row(state, y, weights);
+                if y > 0 {
+                    dual_row(state, y - 1, weights);
+                }
+                if y == height - 1 {
+                    dual_row(state, y, weights);
+                }
+            }
+        }
+    }
+}
+
+/// Thresholding and primal step of row `y` (Zach et al. 2007, Propositions 1 and 3).
+#[inline(always)]
+fn primal_row(state: &mut State, y: usize, weights: Weights) {
+    let (n, stride, len) = (state.padded, state.stride, state.row_len());
+    let (above, rest) = state.data[y * len..].split_at_mut(len);
+    let (primal, others) = rest[..len].split_at_mut(2 * stride);
+    let channel = |c: Channel, ghosts: usize| &others[(c as usize - 2) * stride + 1 - ghosts..][..n];
+    let up = |c: Channel| &above[c as usize * stride + 1..][..n];
+    let (pux, pux_left) = (channel(Channel::Pux, 0), channel(Channel::Pux, 1));
+    let (pvx, pvx_left) = (channel(Channel::Pvx, 0), channel(Channel::Pvx, 1));
+    let (puy, puy_up) = (channel(Channel::Puy, 0), up(Channel::Puy));
+    let (pvy, pvy_up) = (channel(Channel::Pvy, 0), up(Channel::Pvy));
+    let (ix, iy) = (channel(Channel::Ix, 0), channel(Channel::Iy, 0));
+    let (residual, inverse) = (channel(Channel::Residual, 0), channel(Channel::Inverse, 0));
+    let (u, v) = primal.split_at_mut(stride);
+    let (u, v) = (&mut u[1..=n], &mut v[1..=n]);
+    let Weights { reach, theta, .. } = weights;
+    for i in 0..n {
+        let rho = ix[i].mul_add(u[i], iy[i].mul_add(v[i], residual[i]));
+        let t = (-rho * inverse[i]).max(-reach).min(reach);
+        let div_u = (pux[i] - pux_left[i]) + (puy[i] - puy_up[i]);
+        let div_v = (pvx[i] - pvx_left[i]) + (pvy[i] - pvy_up[i]);
+        u[i] = theta.mul_add(div_u, t.mul_add(ix[i], u[i]));
+        v[i] = theta.mul_add(div_v, t.mul_add(iy[i], v[i]));
+    }
+}
+
+/// Dual step of row `y`: ascent and projection onto the unit disc.
+#[inline(always)]
+fn dual_row(state: &mut State, y: usize, weights: Weights) {
+    let (n, width, stride, len) = (state.padded, state.width, state.stride, state.row_len());
+    let last = y + 1 == state.height;
+    let (head, below) = state.data.split_at_mut((y + 2) * len);
+    let row = &mut head[(y + 1) * len..];
+    let (primal, duals) = row.split_at_mut(2 * stride);
+    let (pu, pv) = duals[..4 * stride].split_at_mut(2 * stride);
+    for (c, (primal, dual)) in primal.chunks_exact_mut(stride).zip([pu, pv]).enumerate() {
+        // The gradient across the right border is 0: the ghost repeats the last value.
+        primal[width + 1] = primal[width];
+        let own = &primal[1..=n];
+        let right = &primal[2..n + 2];
+        let down = if last { own } else { &below[c * stride..][1..=n] };
+        let (px, py) = dual.split_at_mut(stride);
+        let (px, py) = (&mut px[1..=n], &mut py[1..=n]);
+        for i in 0..n {
+            let x = weights.dual_step.mul_add(right[i] - own[i], px[i]);
+            let y = weights.dual_step.mul_add(down[i] - own[i], py[i]);
+            let scale = inverse_sqrt(x.mul_add(x, y * y).max(1.0));
+            px[i] = x * scale;
+            py[i] = y * scale;
+        }
+    }
+}
+
+/// 1/√x for x ≥ 1, relative error below 5·10⁻⁶, the same bits on every machine with FMA (which hardware estimates
+/// are not): a first guess from the exponent, then two Newton steps.
+#[inline(always)]
+fn inverse_sqrt(x: f32) -> f32 {
+    let guess = f32::from_bits(0x5F37_5A86 - (x.to_bits() >> 1));
+    let half = 0.5 * x;
+    let guess = guess * (-half * guess).mul_add(guess, 1.5);
+    guess * (-half * guess).mul_add(guess, 1.5)
+}
