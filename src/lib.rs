@@ -3,6 +3,7 @@
 //! Offline, clips become a library: clips → variants → pieces → descriptors → one pack ([`library`]). Online, a
 //! picture with a matte becomes nodes, nodes get candidates, candidates become labels, labels become frames.
 
+pub mod assign;
 pub mod base;
 pub mod cli;
 pub mod descriptor;

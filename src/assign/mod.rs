@@ -1,0 +1,1 @@
+//! Which piece of the library each square of the picture gets.
