@@ -166,7 +166,7 @@ mod tests {
     /// Weighted intersection by the definition: a histogram per level and cell.
     fn by_definition(a: &[u8; PIECE_WORDS], b: &[u8; PIECE_WORDS]) -> (u32, [u32; 3]) {
         let mut common = [0u32; 3];
-        for level in 0..3 {
+        for (level, common) in common.iter_mut().enumerate() {
             let side = 1 << level;
             for cell in 0..side * side {
                 let count = |words: &[u8; PIECE_WORDS], word: u8| {
@@ -185,7 +185,7 @@ mod tests {
                     };
                     (0..PIECE_WORDS).filter(|&i| words[i] == word && inside(i)).count() as u32
                 };
-                common[level] += (0..=255).map(|w| count(a, w).min(count(b, w))).sum::<u32>();
+                *common += (0..=255).map(|w| count(a, w).min(count(b, w))).sum::<u32>();
             }
         }
         (64 * common[0] + 81 * common[1] + 162 * common[2], common)
