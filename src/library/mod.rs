@@ -2,6 +2,17 @@
 
 pub mod acceptance;
 pub mod analyse;
+pub mod assemble;
+pub mod format;
+pub mod frames;
 pub mod grid;
+pub mod metadata;
+pub mod normalizers;
 pub mod piece;
+pub mod reader;
+pub mod segment;
+pub mod store;
+pub mod tile;
 pub mod variant;
+pub mod verify;
+pub mod writer;

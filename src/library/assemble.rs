@@ -1,0 +1,84 @@
+//! Writes the pack from analysed clips and the tables that depend on all of them.
+
+use std::io::{Seek, Write};
+use std::path::Path;
+
+use super::format::{Parameters, section};
+use super::grid::Cell;
+use super::metadata::Metadata;
+use super::reader::{DIMENSIONS, FrameEntry, LEVEL0_BYTES, POINTS, Piece};
+use super::segment::Segment;
+use super::writer::Writer;
+use crate::base::error::Result;
+use crate::base::observe::{self, Observer};
+
+/// The part of a pack that is known only after all clips.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tables {
+    /// What the features were computed with.
+    pub parameters: Parameters,
+    /// Clips (by content hash) and normalisers.
+    pub metadata: Metadata,
+    /// Centres of the visual words.
+    pub centres: Vec<[f32; DIMENSIONS]>,
+    /// Pieces, ordered by their stable names.
+    pub pieces: Vec<Piece>,
+    /// Level-0 histograms, by piece.
+    pub level0: Vec<[u8; LEVEL0_BYTES]>,
+    /// Word numbers, by piece.
+    pub words: Vec<[u8; POINTS]>,
+}
+
+/// Bytes copied between two looks at the observer.
+const COPY: usize = 4 << 20;
+
+/// Writes a pack to `out`; `segments` are those of `tables.metadata.clips`, in that order. Progress: stage "write", in
+/// bytes of frames.
+///
+/// # Errors
+/// When the disk is full, a segment is damaged, or the run was cancelled.
+pub fn assemble<W: Write + Seek>(
+    out: W,
+    path: &Path,
+    tables: &Tables,
+    segments: &[Segment],
+    observer: &dyn Observer,
+) -> Result<W> {
+    let mut writer = Writer::new(out, path, tables.parameters)?;
+    writer.begin(section::META, 1)?;
+    writer.write(&tables.metadata.encode()?)?;
+    writer.begin(section::VOCABULARY, DIMENSIONS * 4)?;
+    writer.write(bytemuck::cast_slice(&tables.centres))?;
+    writer.begin(section::PIECES, size_of::<Piece>())?;
+    writer.write(bytemuck::cast_slice(&tables.pieces))?;
+    writer.begin(section::LEVEL0, LEVEL0_BYTES)?;
+    writer.write(bytemuck::cast_slice(&tables.level0))?;
+    writer.begin(section::WORDS, POINTS)?;
+    writer.write(bytemuck::cast_slice(&tables.words))?;
+    writer.begin(section::AVERAGES, 2)?;
+    for segment in segments {
+        writer.write(segment.average_bytes()?)?;
+    }
+    writer.begin(section::CELLS, size_of::<Cell>())?;
+    for segment in segments {
+        writer.write(segment.cell_bytes()?)?;
+    }
+    writer.begin(section::FRAME_INDEX, size_of::<FrameEntry>())?;
+    let mut offset = 0;
+    for segment in segments {
+        for entry in segment.frame_index()? {
+            let moved = FrameEntry { offset, length: entry.length };
+            writer.write(bytemuck::bytes_of(&moved))?;
+            offset += entry.length;
+        }
+    }
+    writer.begin(section::FRAMES, 1)?;
+    for segment in segments {
+        for part in segment.blobs()?.chunks(COPY) {
+            observe::check(observer)?;
+            writer.write(part)?;
+            observer.advance("write", part.len() as u64);
+        }
+    }
+    writer.finish()
+}
