@@ -7,6 +7,7 @@ use std::sync::Arc;
 use enliven::base::error::Kind;
 use enliven::base::observe::Silent;
 use enliven::base::{par, rng};
+use enliven::descriptor::vocabulary::Vocabulary;
 use enliven::library::assemble::{Tables, assemble};
 use enliven::library::format::{BLOCK, MUST_UNDERSTAND, Parameters};
 use enliven::library::grid::{Cell, CellGrid};
@@ -110,7 +111,7 @@ fn tables(clips: u64) -> Tables {
     Tables {
         parameters: parameters(),
         metadata: Metadata { clips: metas, normalizers: Normalizers { dc: 0.5, ac: 2.0, texture: 3.0 } },
-        centres: (0..8).map(|i| [i as f32 * 0.1; 128]).collect(),
+        vocabulary: Vocabulary::from_centers((0..8).flat_map(|i| [i as u8; 128]).collect()).unwrap(),
         pieces,
         level0: (0..n)
             .map(|i| std::array::from_fn(|b| (0..81).filter(|&p| usize::from(word(i, p)) == b).count() as u8))
@@ -143,7 +144,7 @@ fn what_is_written_is_read_back() {
     assert_eq!(pack.pieces().unwrap(), tables.pieces);
     assert_eq!(pack.level0().unwrap(), tables.level0);
     assert_eq!(pack.words().unwrap(), tables.words);
-    assert_eq!(pack.centres().unwrap(), tables.centres);
+    assert_eq!(pack.vocabulary().unwrap(), tables.vocabulary);
     for clip in 0..3u32 {
         let read: Vec<Rgb8> = pack.frames(clip).unwrap().map(|f| f.unwrap()).collect();
         assert_eq!(read.len(), FRAMES);

@@ -6,11 +6,13 @@ use std::path::Path;
 use super::format::{Parameters, section};
 use super::grid::Cell;
 use super::metadata::Metadata;
-use super::reader::{DIMENSIONS, FrameEntry, LEVEL0_BYTES, POINTS, Piece};
+use super::reader::{FrameEntry, LEVEL0_BYTES, Piece};
 use super::segment::Segment;
 use super::writer::Writer;
 use crate::base::error::Result;
 use crate::base::observe::{self, Observer};
+use crate::descriptor::dense_sift::DIMENSIONS;
+use crate::descriptor::vocabulary::{PIECE_WORDS, Vocabulary};
 
 /// The part of a pack that is known only after all clips.
 #[derive(Debug, Clone, PartialEq)]
@@ -19,14 +21,14 @@ pub struct Tables {
     pub parameters: Parameters,
     /// Clips (by content hash) and normalisers.
     pub metadata: Metadata,
-    /// Centres of the visual words.
-    pub centres: Vec<[f32; DIMENSIONS]>,
+    /// The visual words.
+    pub vocabulary: Vocabulary,
     /// Pieces, ordered by their stable names.
     pub pieces: Vec<Piece>,
     /// Level-0 histograms, by piece.
     pub level0: Vec<[u8; LEVEL0_BYTES]>,
     /// Word numbers, by piece.
-    pub words: Vec<[u8; POINTS]>,
+    pub words: Vec<[u8; PIECE_WORDS]>,
 }
 
 /// Bytes copied between two looks at the observer.
@@ -47,13 +49,13 @@ pub fn assemble<W: Write + Seek>(
     let mut writer = Writer::new(out, path, tables.parameters)?;
     writer.begin(section::META, 1)?;
     writer.write(&tables.metadata.encode()?)?;
-    writer.begin(section::VOCABULARY, DIMENSIONS * 4)?;
-    writer.write(bytemuck::cast_slice(&tables.centres))?;
+    writer.begin(section::VOCABULARY, DIMENSIONS)?;
+    writer.write(tables.vocabulary.centers())?;
     writer.begin(section::PIECES, size_of::<Piece>())?;
     writer.write(bytemuck::cast_slice(&tables.pieces))?;
     writer.begin(section::LEVEL0, LEVEL0_BYTES)?;
     writer.write(bytemuck::cast_slice(&tables.level0))?;
-    writer.begin(section::WORDS, POINTS)?;
+    writer.begin(section::WORDS, PIECE_WORDS)?;
     writer.write(bytemuck::cast_slice(&tables.words))?;
     writer.begin(section::AVERAGES, 2)?;
     for segment in segments {

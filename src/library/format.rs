@@ -43,7 +43,7 @@ pub mod section {
     use super::SectionId;
     /// Metadata (bincode).
     pub const META: SectionId = *b"meta\0\0\0\0";
-    /// Centres of the visual words, rows of 128 `f32`.
+    /// Centres of the visual words, rows of 128 bytes.
     pub const VOCABULARY: SectionId = *b"vocab\0\0\0";
     /// Piece records, rows of 16 bytes.
     pub const PIECES: SectionId = *b"pieces\0\0";

@@ -45,7 +45,7 @@ impl ClipMeta {
     }
 
     fn sound(&self) -> bool {
-        let side = |v: u32| v > 0 && v % 16 == 0 && v as usize <= MAX_SIDE;
+        let side = |v: u32| v > 0 && v.is_multiple_of(16) && v as usize <= MAX_SIDE;
         side(self.width) && side(self.height) && self.frames > 0 && self.frames as usize <= MAX_FRAMES
     }
 }

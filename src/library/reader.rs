@@ -15,14 +15,12 @@ use super::store::{Access, AlignedBytes, Store};
 use super::tile::{GridView, Tile};
 use super::variant::{CELL, PIECE, SCALES, Variant, level_size};
 use crate::base::error::{Error, Kind, Result};
+use crate::descriptor::dense_sift::DIMENSIONS;
+use crate::descriptor::vocabulary::{PIECE_WORDS, Vocabulary};
 use crate::raster::image::{Color, Plane, Rgb8, Srgb};
 
-/// Points of the descriptor grid of a piece, 9 × 9.
-pub const POINTS: usize = 81;
 /// Bytes of a level-0 row.
 pub const LEVEL0_BYTES: usize = 256;
-/// Dimensions of a local descriptor.
-pub const DIMENSIONS: usize = 128;
 
 /// A piece as the pack stores it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
@@ -126,10 +124,10 @@ impl Pack {
         let find = |id: SectionId, row_bytes: usize| store.header.section(&subject, id, row_bytes);
         let metadata = Metadata::decode(&subject, store.section(&find(section::META, 1)?)?)?;
         let sections = Sections {
-            vocabulary: find(section::VOCABULARY, DIMENSIONS * 4)?,
+            vocabulary: find(section::VOCABULARY, DIMENSIONS)?,
             pieces: find(section::PIECES, size_of::<Piece>())?,
             level0: find(section::LEVEL0, LEVEL0_BYTES)?,
-            words: find(section::WORDS, POINTS)?,
+            words: find(section::WORDS, PIECE_WORDS)?,
             averages: find(section::AVERAGES, 2)?,
             cells: find(section::CELLS, size_of::<Cell>())?,
             frame_index: find(section::FRAME_INDEX, size_of::<FrameEntry>())?,
@@ -214,16 +212,16 @@ impl Pack {
     ///
     /// # Errors
     /// When their section is damaged.
-    pub fn words(&self) -> Result<&[[u8; POINTS]]> {
+    pub fn words(&self) -> Result<&[[u8; PIECE_WORDS]]> {
         self.table(&self.sections.words)
     }
 
-    /// Centres of the visual words, k rows of 128.
+    /// The visual words.
     ///
     /// # Errors
     /// When their section is damaged.
-    pub fn centres(&self) -> Result<&[[f32; DIMENSIONS]]> {
-        self.table(&self.sections.vocabulary)
+    pub fn vocabulary(&self) -> Result<Vocabulary> {
+        Vocabulary::from_centers(self.store.section(&self.sections.vocabulary)?.to_vec())
     }
 
     /// Cells of clip number `clip` at scale number `scale`.

@@ -86,11 +86,12 @@ impl Store {
         }
         lock_shared(&file, path)?;
         let backing = match access {
-            // SAFETY: the map is read-only and private to this store; packs are immutable files that writers replace
-            // by rename and never change in place, a shared lock tells other programs so, every block is compared
-            // with its checksum before use, and only plain-old-data types are viewed through the map.
             Access::Map => {
-                Backing::Map(unsafe { memmap2::Mmap::map(&file) }.map_err(|e| Error::io(path, "map", e))?, file)
+                // SAFETY: the map is read-only and private to this store; packs are immutable files that writers
+                // replace by rename and never change in place, a shared lock tells other programs so, every block is
+                // compared with its checksum before use, and only plain-old-data types are viewed through the map.
+                let map = unsafe { memmap2::Mmap::map(&file) };
+                Backing::Map(map.map_err(|e| Error::io(path, "map", e))?, file)
             }
             Access::Read => Backing::Memory(Arc::new(read_all(&file, path, info.len())?)),
         };
