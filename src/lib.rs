@@ -10,5 +10,6 @@ pub mod descriptor;
 pub mod flow;
 pub mod library;
 pub mod raster;
+pub mod render;
 pub mod scene;
 pub mod video;

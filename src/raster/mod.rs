@@ -3,4 +3,5 @@
 pub mod filter;
 pub mod image;
 pub mod picture_io;
+pub mod pyramid;
 pub mod resample;

@@ -1,0 +1,184 @@
+//! Reading a band of a level through the geometry of a placed piece.
+
+use super::layout::Placement;
+use crate::library::variant::Geometry;
+use crate::raster::image::Plane;
+
+/// A rectangle of a band's canvas, and where in the band of the level each of its pixels lies.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Window {
+    /// Left edge on the band's canvas.
+    pub x: usize,
+    /// Top edge on the band's canvas.
+    pub y: usize,
+    /// Width in pixels of the band.
+    pub width: usize,
+    /// Height in pixels of the band.
+    pub height: usize,
+    map: Map,
+}
+
+/// Position on the level's band of a window's pixel `(i, j)`: `origin + i * right + j * down`, centres at ½.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Map {
+    origin: (f32, f32),
+    right: (f32, f32),
+    down: (f32, f32),
+}
+
+impl Map {
+    fn at(&self, i: usize, j: usize) -> (f32, f32) {
+        let (i, j) = (i as f32, j as f32);
+        (self.origin.0 + i * self.right.0 + j * self.down.0, self.origin.1 + i * self.right.1 + j * self.down.1)
+    }
+}
+
+impl Window {
+    /// The window `x0..x1`, `y0..y1` (pixels of the band's canvas) for a placement, at band `band` (0 = full size).
+    pub fn new(placement: &Placement, geometry: &Geometry, band: usize, x: (usize, usize), y: (usize, usize)) -> Self {
+        let step = (1u32 << band) as f32;
+        let offset = |piece: usize, node: usize| piece as f32 - node as f32;
+        let (ox, oy) = (offset(placement.piece.0, placement.node.0), offset(placement.piece.1, placement.node.1));
+        let level = |i: f32, j: f32| {
+            let (cx, cy) = ((x.0 as f32 + 0.5 + i) * step + ox, (y.0 as f32 + 0.5 + j) * step + oy);
+            let (lx, ly) = geometry.to_level(cx, cy);
+            (lx / step, ly / step)
+        };
+        let (origin, right, down) = (level(0.0, 0.0), level(1.0, 0.0), level(0.0, 1.0));
+        let minus = |a: (f32, f32)| (a.0 - origin.0, a.1 - origin.1);
+        let map = Map { origin, right: minus(right), down: minus(down) };
+        Self { x: x.0, y: y.0, width: x.1 - x.0, height: y.1 - y.0, map }
+    }
+
+    /// Position of pixel `(i, j)` of the window on the level's band, centres at ½.
+    pub fn position(&self, i: usize, j: usize) -> (f32, f32) {
+        self.map.at(i, j)
+    }
+
+    /// Adds `weights` × the band of the level to the canvas, over the window.
+    pub fn accumulate(&self, band: &Plane, weights: &[f32], canvas: &mut Plane) {
+        match self.whole_shift() {
+            Some((x, flip)) => self.accumulate_rows(band, weights, canvas, x, flip),
+            None => self.accumulate_sampled(band, weights, canvas),
+        }
+    }
+
+    /// Left-most band column of the first pixel and whether columns run backwards, when pixels fall on pixels.
+    fn whole_shift(&self) -> Option<(isize, bool)> {
+        let Map { origin, right, down } = self.map;
+        let whole = |v: f32| (v - 0.5 - (v - 0.5).round()).abs() < 1e-3;
+        let upright = right.1.abs() < 1e-4 && down.0.abs() < 1e-4;
+        (upright && whole(origin.0) && whole(origin.1)).then(|| ((origin.0 - 0.5).round() as isize, right.0 < 0.0))
+    }
+
+    fn accumulate_rows(&self, band: &Plane, weights: &[f32], canvas: &mut Plane, x: isize, flip: bool) {
+        let width = self.width as isize;
+        let left = if flip { x - width + 1 } else { x };
+        let inside = left >= 0 && left + width <= band.width as isize;
+        let top = (self.map.origin.1 - 0.5).round() as isize;
+        let mut edge = vec![0.0; self.width];
+        for (j, weights) in weights.chunks_exact(self.width).enumerate() {
+            let row = band.row((top + j as isize).clamp(0, band.height as isize - 1) as usize);
+            let source = if inside {
+                &row[left as usize..left as usize + self.width]
+            } else {
+                let at = |i: usize| (left + i as isize).clamp(0, band.width as isize - 1) as usize;
+                edge.iter_mut().enumerate().for_each(|(i, e)| *e = row[at(i)]);
+                &edge
+            };
+            let out = &mut canvas.row_mut(self.y + j)[self.x..self.x + self.width];
+            if flip {
+                out.iter_mut().zip(weights).zip(source.iter().rev()).for_each(|((o, w), s)| *o += w * s);
+            } else {
+                out.iter_mut().zip(weights).zip(source).for_each(|((o, w), s)| *o += w * s);
+            }
+        }
+    }
+
+    fn accumulate_sampled(&self, band: &Plane, weights: &[f32], canvas: &mut Plane) {
+        for (j, weights) in weights.chunks_exact(self.width).enumerate() {
+            let out = &mut canvas.row_mut(self.y + j)[self.x..self.x + self.width];
+            for (i, (o, &w)) in out.iter_mut().zip(weights).enumerate() {
+                if w != 0.0 {
+                    let (x, y) = self.map.at(i, j);
+                    *o += w * cubic(band, x, y);
+                }
+            }
+        }
+    }
+}
+
+/// Catmull–Rom value at `(x, y)`, centres at ½, borders clamped: bilinear reading would dull the finest band.
+fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
+    let (fx, fy) = (x - 0.5, y - 0.5);
+    let (x0, y0) = (fx.floor(), fy.floor());
+    let (wx, wy) = (taps(fx - x0), taps(fy - y0));
+    let (x0, y0) = (x0 as isize - 1, y0 as isize - 1);
+    let inside = x0 >= 0 && y0 >= 0 && x0 + 4 <= plane.width as isize && y0 + 4 <= plane.height as isize;
+    let mut sum = 0.0;
+    for (j, wy) in wy.iter().enumerate() {
+        let row: [f32; 4] = if inside {
+            let start = (y0 as usize + j) * plane.width + x0 as usize;
+            let row = &plane.data[start..start + 4];
+            [row[0], row[1], row[2], row[3]]
+        } else {
+            std::array::from_fn(|i| plane.clamped(x0 + i as isize, y0 + j as isize))
+        };
+        sum += wy * (row[0] * wx[0] + row[1] * wx[1] + row[2] * wx[2] + row[3] * wx[3]);
+    }
+    sum
+}
+
+/// Catmull–Rom weights of the four neighbours for a fraction `t`.
+fn taps(t: f32) -> [f32; 4] {
+    let (t2, t3) = (t * t, t * t * t);
+    [0.5 * (2.0 * t2 - t3 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (4.0 * t2 - 3.0 * t3 + t), 0.5 * (t3 - t2)]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::library::variant::Variant;
+
+    fn placement(variant: Variant) -> Placement {
+        Placement { node: (24, 48), source: 0, variant, piece: (32, 20), cells: Vec::new() }
+    }
+
+    #[test]
+    fn every_variant_reads_where_its_geometry_points() {
+        for variant in Variant::all() {
+            let geometry = variant.geometry(320, 240);
+            let level = Plane::from_fn(geometry.level_width, geometry.level_height, |x, y| {
+                0.3 * (x as f32 + 0.5) - 0.2 * (y as f32 + 0.5)
+            });
+            let p = placement(variant);
+            let window = Window::new(&p, &geometry, 0, (24, 72), (48, 96));
+            let mut canvas = Plane::zeros(160, 160);
+            window.accumulate(&level, &[1.0; 48 * 48], &mut canvas);
+            for (x, y) in [(30, 50), (71, 95), (24, 48)] {
+                let (lx, ly) = geometry.to_level(x as f32 + 0.5 - 24.0 + 32.0, y as f32 + 0.5 - 48.0 + 20.0);
+                let inside = lx > 2.0 && ly > 2.0 && lx < level.width as f32 - 2.0 && ly < level.height as f32 - 2.0;
+                let expected = 0.3 * lx - 0.2 * ly;
+                assert!(!inside || (canvas.at(x, y) - expected).abs() < 1e-3, "{variant:?} at {x},{y}");
+            }
+        }
+    }
+
+    #[test]
+    fn unrotated_pieces_are_copied_exactly_on_three_bands() {
+        for flip in [false, true] {
+            let variant = Variant { flip, scale: 0, rotation: 0 };
+            let geometry = variant.geometry(320, 240);
+            for band in 0..3 {
+                let window = Window::new(
+                    &placement(variant),
+                    &geometry,
+                    band,
+                    (24 >> band, 72 >> band),
+                    (48 >> band, 96 >> band),
+                );
+                assert_eq!(window.whole_shift().map(|s| s.1), Some(flip), "band {band}");
+            }
+        }
+    }
+}
