@@ -1,14 +1,32 @@
 //! From a clip's frames to its descriptor grids, in one streamed pass with bounded memory.
 //!
 //! Frames come in blocks of 16. While one block is analysed on all threads, the next is read. Per scale, each pair of
-//! neighbouring frames gives a motion field; fields go into the mean motion, its mean length and, two blocks at a time,
-//! the motion spectrum; frames go into the mean picture, the textureness and the temporal deviation.
+//! neighbouring frames gives a motion field; fields go into the mean motion, its mean length and the motion spectrum;
+//! frames go into the mean picture, the textureness and the temporal deviation. Sums run in the order of the frames,
+//! so the result does not depend on the number of threads.
 
-use crate::base::error::Result;
-use crate::raster::image::Rgb8;
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
 
-use super::grid::CellGrid;
-use super::variant::SCALES;
+use half::f16;
+
+use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::{self, Observer};
+use crate::base::par;
+use crate::descriptor::motion_spectrum::HOP;
+use crate::flow::field::Field;
+use crate::flow::tv_l1::{Params, TvL1};
+use crate::raster::image::{Plane, Rgb8};
+use crate::raster::resample;
+
+use super::acceptance::MIN_FRAMES;
+use super::grid::{Cell, CellGrid};
+use super::significance;
+use super::statistics::{Deviation, PARTS, Statistics};
+use super::variant::{CELL, SCALES, level_size};
+
+/// Name of the stage that [`Observer`] hears of; one step is a frame.
+pub const STAGE: &str = "analyse";
 
 /// Where frames come from: the next frame, or `None` after the last.
 pub trait Frames: Send {
@@ -24,6 +42,12 @@ impl<F: FnMut() -> Result<Option<Rgb8>> + Send> Frames for F {
         self()
     }
 }
+
+/// Takes each frame on, in order, while the pass runs (to be stored, to be judged).
+pub type FrameSink<'a> = dyn FnMut(&Rgb8) -> Result<()> + Send + 'a;
+
+/// A motion field between two frames of equal size; called on many threads at once.
+pub type FlowMaker<'a> = dyn Fn(&Plane, &Plane) -> Field + Sync + 'a;
 
 /// Mean of a clip's frames, red, green, blue, 16 bits for [0, 1].
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -49,4 +73,275 @@ pub struct Analysis {
     pub significant: f32,
     /// Mean length of the motion over the significant pixels, working pixels per frame.
     pub activity: f32,
+}
+
+/// Per-pixel results of the pass, before they are reduced to cells.
+#[derive(Debug, Clone)]
+pub struct Gathered {
+    /// Frames seen.
+    pub frames: usize,
+    /// Mean picture.
+    pub average: Average,
+    /// Motion and texture, one per scale of [`SCALES`].
+    pub scales: [Statistics; SCALES.len()],
+    /// Temporal standard deviation of luma, in working pixels.
+    pub deviation: Plane,
+}
+
+/// Analyses the frames of a clip of `width` × `height` working pixels (multiples of 16) at 25 frames/s. `mask`, in
+/// working pixels, excludes other moving objects (white = use). Each frame is handed to `sink` in order.
+///
+/// # Errors
+/// Those of `frames` and `sink`; a clip of fewer than [`MIN_FRAMES`] frames; frames of another size; a cancel.
+pub fn analyse(
+    frames: &mut dyn Frames,
+    (width, height): (usize, usize),
+    mask: Option<&Plane>,
+    observer: &dyn Observer,
+    sink: &mut FrameSink<'_>,
+) -> Result<Analysis> {
+    if mask.is_some_and(|m| (m.width, m.height) != (width, height)) {
+        let problem = "its size is not the clip's working size";
+        return Err(Error::new(Kind::Unusable, "clip mask", problem).allowed(format!("{width} × {height} px")));
+    }
+    let gathered = gather(frames, (width, height), observer, sink, &library_flow())?;
+    Ok(gathered.reduce(mask))
+}
+
+/// The streamed pass of [`analyse`] with any motion estimator, keeping the results per pixel.
+///
+/// # Errors
+/// As [`analyse`].
+pub fn gather(
+    frames: &mut dyn Frames,
+    (width, height): (usize, usize),
+    observer: &dyn Observer,
+    sink: &mut FrameSink<'_>,
+    flow: &FlowMaker<'_>,
+) -> Result<Gathered> {
+    let mut reader = Reader { frames, sink, size: (width, height), seconds: 0.0 };
+    let mut pass = Pass::new(width, height)?;
+    observer.begin(STAGE, 0);
+    // One frame more than a block, so that every block brings as many motion fields as windows are apart.
+    let mut block = reader.block(HOP + 1)?;
+    while !block.is_empty() {
+        observe::check(observer)?;
+        let (next, ()) = par::join(|| reader.block(HOP), || pass.add(&block, flow));
+        observer.advance(STAGE, block.len() as u64);
+        block = next?;
+    }
+    observer.end("analyse: read", reader.seconds);
+    pass.finish(observer)
+}
+
+/// Reads blocks of frames and hands them on.
+struct Reader<'a, 'b> {
+    frames: &'a mut dyn Frames,
+    sink: &'a mut FrameSink<'b>,
+    size: (usize, usize),
+    seconds: f64,
+}
+
+impl Reader<'_, '_> {
+    /// The next `count` frames, fewer at the end of the clip.
+    fn block(&mut self, count: usize) -> Result<Vec<Rgb8>> {
+        let start = Instant::now();
+        let mut block = Vec::with_capacity(count);
+        while block.len() < count {
+            let Some(frame) = self.frames.next_frame()? else { break };
+            if (frame.width, frame.height) != self.size {
+                let problem = format!("a frame of {} × {} px among others", frame.width, frame.height);
+                let allowed = format!("{} × {} px", self.size.0, self.size.1);
+                return Err(Error::new(Kind::Data, "clip", problem).allowed(allowed));
+            }
+            (self.sink)(&frame)?;
+            block.push(frame);
+        }
+        self.seconds += start.elapsed().as_secs_f64();
+        Ok(block)
+    }
+}
+
+/// What the pass accumulates.
+struct Pass {
+    frames: usize,
+    /// Sums of the bytes, as the frames hold them.
+    colors: Vec<u32>,
+    scales: [Statistics; SCALES.len()],
+    deviation: Deviation,
+    last: Option<[Plane; SCALES.len()]>,
+    size: (usize, usize),
+    /// Seconds spent on levels, flow, texture, motion.
+    seconds: [f64; 4],
+}
+
+impl Pass {
+    fn new(width: usize, height: usize) -> Result<Self> {
+        const LIMIT: usize = 4096;
+        if [width, height].into_iter().any(|side| side == 0 || side % 16 != 0 || side > LIMIT) {
+            let problem = format!("working size {width} × {height} px");
+            return Err(Error::new(Kind::Unusable, "clip", problem).allowed("multiples of 16 from 16 to 4096 px"));
+        }
+        let scale = |s: usize| level_size(width, height, s as u8);
+        Ok(Self {
+            frames: 0,
+            colors: vec![0; 3 * width * height],
+            scales: std::array::from_fn(|s| Statistics::new(scale(s).0, scale(s).1)),
+            deviation: Deviation::default(),
+            last: None,
+            size: (width, height),
+            seconds: [0.0; 4],
+        })
+    }
+
+    /// Adds the next frames.
+    fn add(&mut self, block: &[Rgb8], flow: &FlowMaker<'_>) {
+        let start = Instant::now();
+        let lumas = par::map(block.len(), |i| levels(&block[i]));
+        self.add_colors(block);
+        let levels_done = start.elapsed().as_secs_f64();
+        let fields = fields(self.last.as_ref(), &lumas, flow);
+        let flow_done = start.elapsed().as_secs_f64();
+        self.add_textures(&lumas);
+        self.deviation.add(&lumas.iter().map(|l| &l[0]).collect::<Vec<_>>());
+        let texture_done = start.elapsed().as_secs_f64();
+        self.scales.iter_mut().zip(fields).for_each(|(scale, fields)| scale.add_fields(fields));
+        let motion_done = start.elapsed().as_secs_f64();
+        self.frames += block.len();
+        self.last = lumas.into_iter().next_back();
+        let ends = [0.0, levels_done, flow_done, texture_done, motion_done];
+        self.seconds.iter_mut().zip(ends.windows(2)).for_each(|(sum, span)| *sum += span[1] - span[0]);
+    }
+
+    fn add_colors(&mut self, block: &[Rgb8]) {
+        let row = 3 * self.size.0;
+        par::for_each_chunk(&mut self.colors, row, |y, sums| {
+            for frame in block {
+                sums.iter_mut().zip(&frame.data[y * row..]).for_each(|(sum, &byte)| *sum += u32::from(byte));
+            }
+        });
+    }
+
+    fn add_textures(&mut self, lumas: &[[Plane; SCALES.len()]]) {
+        let first = self.frames;
+        let scales = self.scales.iter_mut().enumerate();
+        let mut parts: Vec<_> = scales
+            .flat_map(|(s, scale)| scale.textureness.iter_mut().enumerate().map(move |(part, sum)| (s, part, sum)))
+            .collect();
+        par::for_each_chunk(&mut parts, 1, |_, chunk| {
+            for (s, part, sum) in chunk {
+                let mine = lumas.iter().enumerate().filter(|(i, _)| (first + i) % PARTS == *part);
+                mine.for_each(|(_, luma)| sum.add(&luma[*s]));
+            }
+        });
+    }
+
+    fn finish(mut self, observer: &dyn Observer) -> Result<Gathered> {
+        for (stage, seconds) in ["levels", "flow", "texture", "motion"].into_iter().zip(self.seconds) {
+            observer.end(&format!("{STAGE}: {stage}"), seconds);
+        }
+        observer.end(STAGE, self.seconds.iter().sum());
+        if self.frames < MIN_FRAMES {
+            let problem = format!("only {} frames at 25 frames/s", self.frames);
+            return Err(Error::new(Kind::Unusable, "clip", problem).allowed(format!("{MIN_FRAMES} or more")));
+        }
+        self.scales.iter_mut().for_each(Statistics::finish);
+        let (width, height) = self.size;
+        let average = Average { width, height, planes: average(&self.colors, self.frames) };
+        Ok(Gathered { frames: self.frames, average, scales: self.scales, deviation: self.deviation.plane() })
+    }
+}
+
+/// Luma of a frame at every scale.
+fn levels(frame: &Rgb8) -> [Plane; SCALES.len()] {
+    let luma = frame.luma();
+    std::array::from_fn(|s| {
+        let (width, height) = level_size(frame.width, frame.height, s as u8);
+        resample::resize(&luma, width, height)
+    })
+}
+
+/// Motion fields between neighbouring frames per scale, from `last` (of the block before) on.
+fn fields(
+    last: Option<&[Plane; SCALES.len()]>,
+    lumas: &[[Plane; SCALES.len()]],
+    flow: &FlowMaker<'_>,
+) -> [Vec<Field>; SCALES.len()] {
+    let frames: Vec<_> = last.into_iter().chain(lumas).collect();
+    let pairs = frames.len().saturating_sub(1);
+    // Large scales first, so that threads finish together.
+    let pair = |i: usize| flow(&frames[i % pairs][i / pairs], &frames[i % pairs + 1][i / pairs]);
+    let mut all = par::map(SCALES.len() * pairs, pair).into_iter();
+    std::array::from_fn(|_| all.by_ref().take(pairs).collect())
+}
+
+/// Mean of bytes as 16-bit fractions, rounded, in integers.
+fn average(sums: &[u32], frames: usize) -> [Vec<u16>; 3] {
+    let whole = 255 * frames as u64;
+    std::array::from_fn(|c| {
+        let mean = |pixel: &[u32]| ((u64::from(pixel[c]) * 65535 + whole / 2) / whole) as u16;
+        sums.chunks_exact(3).map(mean).collect()
+    })
+}
+
+impl Gathered {
+    /// 1 where motion is significant, in working pixels.
+    pub fn significance(&self, mask: Option<&Plane>) -> Plane {
+        significance::mask(&self.scales[0].activity(), &self.deviation, mask)
+    }
+
+    /// The cells of every scale.
+    pub fn reduce(self, mask: Option<&Plane>) -> Analysis {
+        let significant = self.significance(mask);
+        let grids = std::array::from_fn(|s| cells(&self.scales[s], &significant, SCALES[s]));
+        let count: f32 = significant.data.iter().sum();
+        let active = self.scales[0].activity();
+        let activity: f32 = active.data.iter().zip(&significant.data).map(|(a, s)| a * s).sum();
+        Analysis {
+            frames: self.frames,
+            average: self.average,
+            grids,
+            significant: count / significant.data.len() as f32,
+            activity: activity / count.max(1.0),
+        }
+    }
+}
+
+/// Cells of one scale; `significant` is in working pixels.
+fn cells(of: &Statistics, significant: &Plane, scale: f32) -> CellGrid {
+    let (width, height) = (of.size().0 / CELL, of.size().1 / CELL);
+    let side = CELL as f32 / scale;
+    let cell = |i: usize| {
+        let (cx, cy) = (i % width, i / width);
+        let (x, y) = (CELL * cx, CELL * cy);
+        let [u, v, length] = of.motion(x, y, CELL);
+        let from = (cx as f32 * side, cy as f32 * side);
+        let to = ((cx + 1) as f32 * side, (cy + 1) as f32 * side);
+        Cell {
+            mean: [u, v].map(f16::from_f32),
+            spectrum: of.spectrum.cell(x, y, CELL).map(f16::from_f32),
+            textureness: of.textureness[0].cell(x, y, CELL).map(f16::from_f32),
+            activity: f16::from_f32(length),
+            significant: f16::from_f32(significance::area_mean(significant, from, to)),
+        }
+    };
+    CellGrid { width, height, cells: par::map(width * height, cell) }
+}
+
+/// TV-L1 motion with the library's settings, for frames of any size; workspaces are used again.
+pub fn library_flow() -> impl Fn(&Plane, &Plane) -> Field + Sync {
+    let idle: Mutex<Vec<((usize, usize), TvL1)>> = Mutex::new(Vec::new());
+    let lock = move || idle.lock().unwrap_or_else(PoisonError::into_inner);
+    move |from, to| {
+        let size = (from.width, from.height);
+        let found = {
+            let mut idle = lock();
+            idle.iter().position(|(s, _)| *s == size).map(|i| idle.swap_remove(i).1)
+        };
+        let mut solver = found.unwrap_or_else(|| TvL1::new(size.0, size.1, Params::library()));
+        let mut field = Field::zeros(size.0, size.1);
+        solver.flow(from, to, &mut field);
+        lock().push((size, solver));
+        field
+    }
 }

@@ -13,6 +13,8 @@ pub mod reader;
 pub mod segment;
 pub mod store;
 pub mod tile;
+pub mod significance;
+pub mod statistics;
 pub mod variant;
 pub mod verify;
 pub mod writer;
