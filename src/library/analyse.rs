@@ -5,7 +5,7 @@
 //! frames go into the mean picture, the textureness and the temporal deviation. Sums run in the order of the frames,
 //! so the result does not depend on the number of threads.
 
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use half::f16;
@@ -330,18 +330,158 @@ fn cells(of: &Statistics, significant: &Plane, scale: f32) -> CellGrid {
 
 /// TV-L1 motion with the library's settings, for frames of any size; workspaces are used again.
 pub fn library_flow() -> impl Fn(&Plane, &Plane) -> Field + Sync {
-    let idle: Mutex<Vec<((usize, usize), TvL1)>> = Mutex::new(Vec::new());
-    let lock = move || idle.lock().unwrap_or_else(PoisonError::into_inner);
+    type Idle = Vec<((usize, usize), TvL1)>;
+    fn lock(idle: &Mutex<Idle>) -> MutexGuard<'_, Idle> {
+        idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+    let idle = Mutex::new(Idle::new());
     move |from, to| {
         let size = (from.width, from.height);
         let found = {
-            let mut idle = lock();
+            let mut idle = lock(&idle);
             idle.iter().position(|(s, _)| *s == size).map(|i| idle.swap_remove(i).1)
         };
         let mut solver = found.unwrap_or_else(|| TvL1::new(size.0, size.1, Params::library()));
         let mut field = Field::zeros(size.0, size.1);
         solver.flow(from, to, &mut field);
-        lock().push((size, solver));
+        lock(&idle).push((size, solver));
         field
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::observe::Silent;
+    use crate::base::rng;
+
+    const SIZE: (usize, usize) = (96, 64);
+
+    /// A smooth random texture at a continuous position.
+    fn texture(x: f32, y: f32) -> f32 {
+        let value = |x: i32, y: i32| rng::unit(rng::hash(9, &[x as u64, y as u64]));
+        let (x, y) = (x / 3.0 + 100.0, y / 3.0 + 100.0);
+        let (ax, ay) = (x.fract(), y.fract());
+        let (x, y) = (x as i32, y as i32);
+        let top = value(x, y) * (1.0 - ax) + value(x + 1, y) * ax;
+        top * (1.0 - ay) + (value(x, y + 1) * (1.0 - ax) + value(x + 1, y + 1) * ax) * ay
+    }
+
+    fn frame(f: impl Fn(usize, usize) -> f32) -> Rgb8 {
+        let mut frame = Rgb8::black(SIZE.0, SIZE.1);
+        for (i, pixel) in frame.data.chunks_exact_mut(3).enumerate() {
+            pixel.fill((255.0 * f(i % SIZE.0, i / SIZE.0)).round() as u8);
+        }
+        frame
+    }
+
+    /// A still texture whose right half moves by `shift(t)` since frame 0.
+    fn clip(count: usize, shift: impl Fn(usize) -> f32) -> Vec<Rgb8> {
+        let at = |t| {
+            let shift = shift(t);
+            frame(move |x, y| texture(x as f32 - if x < 48 { 0.0 } else { shift }, y as f32))
+        };
+        (0..count).map(at).collect()
+    }
+
+    fn run(clip: &[Rgb8], mask: Option<&Plane>) -> Analysis {
+        let mut frames = clip.iter().cloned();
+        analyse(&mut || Ok(frames.next()), SIZE, mask, &Silent, &mut |_| Ok(())).unwrap()
+    }
+
+    #[test]
+    fn the_moving_half_is_significant_at_every_scale() {
+        let analysis = run(&clip(48, |t| t as f32), None);
+        for (grid, scale) in analysis.grids.iter().zip(SCALES) {
+            let row = grid.height / 2;
+            let (still, moving) = (grid.cells[row * grid.width + 2], grid.cells[row * grid.width + grid.width * 3 / 4]);
+            assert!(still.significant.to_f32() == 0.0 && moving.significant.to_f32() == 1.0);
+            let [u, v] = moving.mean.map(f16::to_f32);
+            assert!((u - scale).abs() < 0.25 * scale && v.abs() < 0.15, "{u} {v} at {scale}");
+            assert!(still.activity.to_f32() < 0.1);
+        }
+        assert!((analysis.significant - 0.5).abs() < 0.1 && analysis.activity > 0.6);
+    }
+
+    #[test]
+    fn an_oscillation_has_no_mean_motion_but_is_significant_in_its_band() {
+        let analysis = run(&clip(65, |t| 2.0 * (std::f32::consts::TAU * 3.0 * t as f32 / 32.0).sin()), None);
+        let grid = &analysis.grids[0];
+        let cell = grid.cells[grid.height / 2 * grid.width + grid.width * 3 / 4];
+        assert!(cell.mean[0].to_f32().abs() < 0.1 && cell.significant.to_f32() == 1.0, "{cell:?}");
+        let power = cell.spectrum.map(f16::to_f32);
+        assert!((0..16).all(|band| band == 2 || power[band] < power[2]), "{power:?}");
+    }
+
+    #[test]
+    fn the_user_mask_excludes() {
+        let left = Plane::from_fn(SIZE.0, SIZE.1, |x, _| f32::from(u8::from(x < 48)));
+        // Smoothing leaves a pixel or two of the moving half's rim on the allowed side.
+        assert!(run(&clip(41, |t| t as f32), Some(&left)).significant < 0.04);
+    }
+
+    #[test]
+    fn threads_change_nothing_and_the_sink_sees_all_frames_in_order() {
+        let clip = clip(50, |t| 0.7 * t as f32);
+        let on = |threads| {
+            let mut seen = Vec::new();
+            let mut frames = clip.iter().cloned();
+            let work = || {
+                let mut sink = |frame: &Rgb8| -> Result<()> {
+                    seen.push(frame.clone());
+                    Ok(())
+                };
+                analyse(&mut || Ok(frames.next()), SIZE, None, &Silent, &mut sink)
+            };
+            let analysis = par::with_threads(threads, work).unwrap().unwrap();
+            assert_eq!(seen, clip);
+            analysis
+        };
+        let (one, two) = (on(1), on(2));
+        assert_eq!(one.average, two.average);
+        for (a, b) in one.grids.iter().zip(&two.grids) {
+            assert_eq!(bytemuck::cast_slice::<_, u8>(&a.cells), bytemuck::cast_slice::<_, u8>(&b.cells));
+        }
+    }
+
+    #[test]
+    fn a_mirrored_clip_gives_mirrored_grids() {
+        let clip = clip(41, |t| 0.6 * t as f32);
+        let mirror = |frame: &Rgb8| {
+            let mut out = frame.clone();
+            out.data.chunks_exact_mut(3 * SIZE.0).for_each(|row| row.as_chunks_mut::<3>().0.reverse());
+            out
+        };
+        let (plain, mirrored) = (run(&clip, None), run(&clip.iter().map(mirror).collect::<Vec<_>>(), None));
+        // Forward differences in the total variation are not quite symmetric, so motion agrees to hundredths of a pixel.
+        let near = |a: f16, b: f16, by: f32| (a.to_f32() - b.to_f32()).abs() <= by * (1.0 + a.to_f32().abs());
+        for (a, b) in plain.grids.iter().zip(&mirrored.grids) {
+            for (i, cell) in a.cells.iter().enumerate() {
+                let other = b.cells[i - i % a.width + a.width - 1 - i % a.width];
+                let mean = near(cell.mean[0], -other.mean[0], 0.03) && near(cell.mean[1], other.mean[1], 0.03);
+                let spectrum = cell.spectrum.iter().zip(other.spectrum).all(|(a, b)| near(*a, b, 0.03));
+                assert!(mean && spectrum, "{cell:?} {other:?}");
+                assert!(cell.textureness.iter().zip(other.textureness).all(|(a, b)| near(*a, b, 1e-3)));
+            }
+        }
+    }
+
+    #[test]
+    fn the_average_is_exact() {
+        let clip: Vec<_> = (0..41).map(|t| frame(|_, _| if t == 0 { 1.0 } else { 0.0 })).collect();
+        let gathered = run(&clip, None);
+        assert!(gathered.average.planes.iter().flatten().all(|&v| v == 1598), "65535 / 41 = 1598.4");
+    }
+
+    #[test]
+    fn bad_clips_are_named() {
+        let fails = |clip: Vec<Rgb8>, size| {
+            let mut frames = clip.into_iter();
+            analyse(&mut || Ok(frames.next()), size, None, &Silent, &mut |_| Ok(())).unwrap_err().to_string()
+        };
+        assert!(fails(clip(10, |_| 0.0), SIZE).contains("10 frames"));
+        assert!(fails(Vec::new(), SIZE).contains("0 frames"));
+        assert!(fails(vec![Rgb8::black(32, 32)], SIZE).contains("32 × 32"));
+        assert!(fails(Vec::new(), (100, 64)).contains("multiples of 16"));
     }
 }
