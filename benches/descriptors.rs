@@ -134,5 +134,7 @@ fn codebook(table: &[u8]) {
     let bisecting = Vocabulary::train_by_bisecting(table, WORDS, 1, &Silent).expect("there are descriptors");
     let time = seconds(clock) - start;
     let reference = bisecting.mean_squared_distance(table);
-    println!("mean squared distance: {quality:.1}; bisecting everything, without refinement: {reference:.1} ({time:.2} s)");
+    println!(
+        "mean squared distance: {quality:.1}; bisecting everything, without refinement: {reference:.1} ({time:.2} s)"
+    );
 }
