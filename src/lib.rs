@@ -11,5 +11,6 @@ pub mod flow;
 pub mod library;
 pub mod raster;
 pub mod render;
+pub mod report;
 pub mod scene;
 pub mod video;

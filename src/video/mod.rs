@@ -2,8 +2,10 @@
 
 mod avc_headers;
 pub mod clip;
+pub mod gif_writer;
 mod mp4_boxes;
 pub mod mp4_writer;
+mod palette;
 pub mod png_folder;
 pub mod sink;
 pub mod y4m_writer;

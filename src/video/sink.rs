@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use super::clip::Sink;
+use super::gif_writer::GifWriter;
 use super::mp4_writer::Mp4Writer;
 use super::png_folder::{PngFolder, is_frame_name};
 use super::y4m_writer::Y4mWriter;
@@ -82,12 +83,13 @@ pub struct SinkOptions {
 enum Target {
     Stdout,
     Mp4,
+    Gif,
     Y4m,
     Folder,
 }
 
 /// What names [`create`] accepts, for messages.
-pub const SUPPORTED: &str = ".mp4, .y4m, a folder (for PNG frames), or - (Y4M on standard output)";
+pub const SUPPORTED: &str = ".mp4, .gif, .y4m, a folder (for PNG frames), or - (Y4M on standard output)";
 
 impl Target {
     fn of(path: &Path) -> Result<Self> {
@@ -101,6 +103,7 @@ impl Target {
         match path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).as_deref() {
             None => Ok(Self::Folder),
             Some("mp4") => Ok(Self::Mp4),
+            Some("gif") => Ok(Self::Gif),
             Some("y4m") => Ok(Self::Y4m),
             Some(other) => Err(Error::file(Kind::Unsupported, path, format!("cannot write .{other}"))
                 .allowed(SUPPORTED)
@@ -109,7 +112,7 @@ impl Target {
     }
 }
 
-/// Opens a sink for `path`, by its extension: `.mp4`, `.y4m`; a name without extension, with a trailing slash, or of an
+/// Opens a sink for `path`, by its extension: `.mp4`, `.gif`, `.y4m`; a name without extension, with a trailing slash, or of an
 /// existing folder is a folder of `00000.png`, `00001.png`…; `-` is Y4M on standard output.
 ///
 /// The file appears under its name when [`Sink::finish`] is called; a sink dropped before leaves nothing.
@@ -122,6 +125,7 @@ pub fn create(path: &Path, options: SinkOptions) -> Result<Box<dyn Sink>> {
         Target::Stdout => Box::new(Y4mWriter::to_stdout(options)?),
         Target::Y4m => Box::new(Y4mWriter::create(path, options)?),
         Target::Mp4 => Box::new(Mp4Writer::create(path, options)?),
+        Target::Gif => Box::new(GifWriter::create(path, options)?),
         Target::Folder => Box::new(PngFolder::create(path, options)?),
     })
 }
