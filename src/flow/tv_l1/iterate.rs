@@ -117,41 +117,57 @@ impl State {
     }
 }
 
-/// `block` iterations in one pass over the rows (a wavefront: iteration k works one row behind iteration k − 1).
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn pass(state: &mut State, block: usize, weights: Weights) {
-    pass_plain(state, block, weights);
-}
-
-/// [`pass`] for whatever instruction set the caller was compiled for. The bits do not depend on it: every value comes
+/// The instruction sets that the row kernels are compiled for. The bits do not depend on the choice: every value comes
 /// from the same operations in the same order, and multiply-adds are explicit.
-#[inline(always)]
-fn pass_plain(state: &mut State, block: usize, weights: Weights) {
+///
+/// `block` iterations in one pass over the rows (a wavefront: iteration k works one row behind iteration k − 1).
+fn pass(state: &mut State, block: usize, weights: Weights) {
     let height = state.height;
     for step in 0..height + block - 1 {
-        for k in 0..block.min(step + 1) {
-            let y = step - k;
-            if y < height {
-                primal_row(state, y, weights);
-                if y > 0 {
-                    dual_row(state, y - 1, weights);
-                }
-                if y == height - 1 {
-                    dual_row(state, y, weights);
-                }
+        for y in (step.saturating_sub(block - 1)..=step.min(height - 1)).rev() {
+            state.primal(y, weights);
+            if y > 0 {
+                state.dual(y - 1, weights);
+            }
+            if y == height - 1 {
+                state.dual(y, weights);
             }
         }
     }
 }
 
-/// Thresholding and primal step of row `y` (Zach et al. 2007, Propositions 1 and 3).
-#[inline(always)]
-fn primal_row(state: &mut State, y: usize, weights: Weights) {
-    let (n, stride, len) = (state.padded, state.stride, state.row_len());
-    let (above, rest) = state.data[y * len..].split_at_mut(len);
-    let (primal, others) = rest[..len].split_at_mut(2 * stride);
+impl State {
+    /// Primal step of row `y`.
+    fn primal(&mut self, y: usize, weights: Weights) {
+        let (n, stride, len) = (self.padded, self.stride, self.row_len());
+        let (above, rest) = self.data[y * len..].split_at_mut(len);
+        let (primal, others) = rest[..len].split_at_mut(2 * stride);
+        primal_row(n, primal, others, &above[2 * stride..], weights);
+    }
+
+    /// Dual step of row `y`.
+    fn dual(&mut self, y: usize, weights: Weights) {
+        let (n, width, stride, len) = (self.padded, self.width, self.stride, self.row_len());
+        let last = y + 1 == self.height;
+        let (row, below) = self.data[(y + 1) * len..].split_at_mut(len);
+        let (primal, duals) = row.split_at_mut(2 * stride);
+        for (c, (primal, dual)) in primal.chunks_exact_mut(stride).zip(duals.chunks_exact_mut(2 * stride)).enumerate() {
+            // The derivative across the right border is 0: the ghost repeats the last value.
+            primal[width + 1] = primal[width];
+            let down = if last { &primal[..stride] } else { &below[c * stride..][..stride] };
+            dual_row(n, dual, primal, down, weights.dual_step);
+        }
+    }
+}
+
+/// Thresholding and primal step of one row (Zach et al. 2007, Propositions 1 and 3).
+///
+/// `primal`: u, v; `others`: the row's other channels; `above`: the dual variables of the row above.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn primal_row(n: usize, primal: &mut [f32], others: &[f32], above: &[f32], weights: Weights) {
+    let stride = primal.len() / 2;
     let channel = |c: Channel, ghosts: usize| &others[(c as usize - 2) * stride + 1 - ghosts..][..n];
-    let up = |c: Channel| &above[c as usize * stride + 1..][..n];
+    let up = |c: Channel| &above[(c as usize - 2) * stride + 1..][..n];
     let (pux, pux_left) = (channel(Channel::Pux, 0), channel(Channel::Pux, 1));
     let (pvx, pvx_left) = (channel(Channel::Pvx, 0), channel(Channel::Pvx, 1));
     let (puy, puy_up) = (channel(Channel::Puy, 0), up(Channel::Puy));
@@ -163,7 +179,7 @@ fn primal_row(state: &mut State, y: usize, weights: Weights) {
     let Weights { reach, theta, .. } = weights;
     for i in 0..n {
         let rho = ix[i].mul_add(u[i], iy[i].mul_add(v[i], residual[i]));
-        let t = (-rho * inverse[i]).max(-reach).min(reach);
+        let t = (-rho * inverse[i]).clamp(-reach, reach);
         let div_u = (pux[i] - pux_left[i]) + (puy[i] - puy_up[i]);
         let div_v = (pvx[i] - pvx_left[i]) + (pvy[i] - pvy_up[i]);
         u[i] = theta.mul_add(div_u, t.mul_add(ix[i], u[i]));
@@ -171,30 +187,21 @@ fn primal_row(state: &mut State, y: usize, weights: Weights) {
     }
 }
 
-/// Dual step of row `y`: ascent and projection onto the unit disc.
-#[inline(always)]
-fn dual_row(state: &mut State, y: usize, weights: Weights) {
-    let (n, width, stride, len) = (state.padded, state.width, state.stride, state.row_len());
-    let last = y + 1 == state.height;
-    let (head, below) = state.data.split_at_mut((y + 2) * len);
-    let row = &mut head[(y + 1) * len..];
-    let (primal, duals) = row.split_at_mut(2 * stride);
-    let (pu, pv) = duals[..4 * stride].split_at_mut(2 * stride);
-    for (c, (primal, dual)) in primal.chunks_exact_mut(stride).zip([pu, pv]).enumerate() {
-        // The gradient across the right border is 0: the ghost repeats the last value.
-        primal[width + 1] = primal[width];
-        let own = &primal[1..=n];
-        let right = &primal[2..n + 2];
-        let down = if last { own } else { &below[c * stride..][1..=n] };
-        let (px, py) = dual.split_at_mut(stride);
-        let (px, py) = (&mut px[1..=n], &mut py[1..=n]);
-        for i in 0..n {
-            let x = weights.dual_step.mul_add(right[i] - own[i], px[i]);
-            let y = weights.dual_step.mul_add(down[i] - own[i], py[i]);
-            let scale = inverse_sqrt(x.mul_add(x, y * y).max(1.0));
-            px[i] = x * scale;
-            py[i] = y * scale;
-        }
+/// Dual step of one component of one row: ascent and projection onto the unit disc.
+///
+/// `dual`: horizontal and vertical dual variable; `own`: the component, `down`: the same of the row below.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn dual_row(n: usize, dual: &mut [f32], own: &[f32], down: &[f32], step: f32) {
+    let (px, py) = dual.split_at_mut(dual.len() / 2);
+    let (px, py) = (&mut px[1..=n], &mut py[1..=n]);
+    let (own, right, down) = (&own[1..=n], &own[2..n + 2], &down[1..=n]);
+    for i in 0..n {
+        let x = step.mul_add(right[i] - own[i], px[i]);
+        let y = step.mul_add(down[i] - own[i], py[i]);
+        let square = x.mul_add(x, y * y);
+        let scale = inverse_sqrt(if square > 1.0 { square } else { 1.0 });
+        px[i] = x * scale;
+        py[i] = y * scale;
     }
 }
 

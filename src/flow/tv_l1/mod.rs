@@ -16,7 +16,7 @@ use crate::raster::image::Plane;
 use iterate::{Channel, State, Weights};
 use median::Median;
 use scale::Axis;
-use warp::Padded;
+use warp::{Linearise, Padded};
 
 /// What the solver does, and how long. Images are luma in [0, 1], lengths pixels, motion pixels per frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -84,6 +84,7 @@ pub struct TvL1 {
     state: State,
     coarse: State,
     padded: [Padded; 2],
+    linearise: Linearise,
     median: Median,
     rows: Vec<f32>,
 }
@@ -104,8 +105,16 @@ impl TvL1 {
             let shrink = (Axis::new(finer.width, w), Axis::new(finer.height, h));
             levels.push(Level { width: w, height: h, shrink, frames: Default::default() });
         }
-        let (state, coarse) = Default::default();
-        Self { params, levels, state, coarse, padded: Default::default(), median: Median::default(), rows: Vec::new() }
+        Self {
+            params,
+            levels,
+            state: State::default(),
+            coarse: State::default(),
+            padded: Default::default(),
+            linearise: Linearise::default(),
+            median: Median::default(),
+            rows: Vec::new(),
+        }
     }
 
     /// Motion from frame `from` to frame `to` (luma in [0, 1]) into `out`, which is resized as needed.
@@ -124,7 +133,7 @@ impl TvL1 {
         self.build_pyramid(from, to);
         for level in (0..self.levels.len()).rev() {
             self.enter(level);
-            self.solve(level);
+            self.solve();
         }
         for y in 0..height {
             out.u.row_mut(y).copy_from_slice(self.state.row(Channel::U, y));
@@ -158,11 +167,11 @@ impl TvL1 {
     }
 
     /// Warps and iterations of one level.
-    fn solve(&mut self, _level: usize) {
+    fn solve(&mut self) {
         let Params { lambda, theta, tau, warps, iterations, median, gradient_blend, .. } = self.params;
         let weights = Weights { reach: lambda * theta, theta, dual_step: tau / theta };
         for _ in 0..warps {
-            warp::linearise(&mut self.state, &self.padded[0], &self.padded[1], gradient_blend);
+            self.linearise.apply(&mut self.state, &self.padded[0], &self.padded[1], gradient_blend);
             self.state.iterate(iterations, weights);
             self.median.apply(&mut self.state, median);
         }

@@ -36,28 +36,129 @@ impl Padded {
         let start = (y + BORDER as isize) as usize * self.stride;
         &self.data[start..start + self.stride]
     }
+}
 
-    /// Value and derivatives of the Catmull–Rom interpolant at pixel coordinates `(x, y)` (integers at pixel centres),
-    /// −1 ≤ x ≤ width, −1 ≤ y ≤ height.
-    #[inline(always)]
-    fn sample(&self, x: f32, y: f32) -> [f32; 3] {
-        let (x0, y0) = (x.floor(), y.floor());
-        let ((wx, dx), (wy, dy)) = (cubic(x - x0), cubic(y - y0));
-        let left = (x0 as isize + BORDER as isize - 1) as usize;
-        let start = (y0 as isize + BORDER as isize - 1) as usize * self.stride + left;
-        let (mut column, mut slope) = ([0.0f32; 4], [0.0f32; 4]);
-        for i in 0..4 {
-            let row = &self.data[start + i * self.stride..][..4];
-            for j in 0..4 {
-                column[j] = wy[i].mul_add(row[j], column[j]);
-                slope[j] = dy[i].mul_add(row[j], slope[j]);
-            }
+/// Scratch of one row.
+#[derive(Debug, Clone, Default)]
+struct Row {
+    /// First of the 4 × 4 taps of each pixel, an index into the padded frame.
+    start: Vec<u32>,
+    /// Share of a pixel past the second tap, horizontally.
+    tx: Vec<f32>,
+    /// Vertical weights of the four taps and their derivatives.
+    wy: [Vec<f32>; 8],
+    /// The taps summed over y, with the weights and with their derivatives.
+    columns: Vec<[f32; 4]>,
+    slopes: Vec<[f32; 4]>,
+}
+
+/// Linearises the residual around the present motion.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Linearise {
+    row: Row,
+}
+
+impl Linearise {
+    /// Linearises `I₁(x + u) − I₀(x)` around the motion in `state`, with the gradient a mix of both frames' (`blend` of
+    /// it from the first; ½ is symmetric in time). Where the motion leaves the picture there is no data.
+    pub fn apply(&mut self, state: &mut State, from: &Padded, to: &Padded, blend: f32) {
+        let (width, height) = (state.width, state.height);
+        self.row.start.resize(width, 0);
+        self.row.tx.resize(width, 0.0);
+        self.row.wy.iter_mut().for_each(|w| w.resize(width, 0.0));
+        self.row.columns.resize(width, [0.0; 4]);
+        self.row.slopes.resize(width, [0.0; 4]);
+        for y in 0..height {
+            let [u, v, _, _, _, _, ix, iy, residual, inverse] = state.row_mut(y);
+            place(&mut self.row, y as f32, u, v, to);
+            gather(&mut self.row, to);
+            let own: [&[f32]; 5] = std::array::from_fn(|i| from.row(y as isize + i as isize - 2));
+            combine(&self.row, y as f32, height, own, blend, (u, v), (ix, iy), (residual, inverse));
         }
-        [dot(wx, column), dot(dx, column), dot(wx, slope)]
     }
 }
 
-/// Weights of the four taps around a position `t` past the second, and their derivatives.
+/// Where the taps of each pixel of row `y` begin, and their weights.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn place(row: &mut Row, y: f32, u: &[f32], v: &[f32], to: &Padded) {
+    let n = u.len();
+    let (start, tx, v) = (&mut row.start[..n], &mut row.tx[..n], &v[..n]);
+    let [w0, w1, w2, w3, d0, d1, d2, d3] = row.wy.each_mut().map(|w| &mut w[..n]);
+    let (right, bottom) = (to.width as f32, to.height as f32);
+    let stride = to.stride as i32;
+    for x in 0..n {
+        let sx = (x as f32 + u[x]).clamp(-1.0, right);
+        let sy = (y + v[x]).clamp(-1.0, bottom);
+        let (x0, y0) = (sx.floor(), sy.floor());
+        tx[x] = sx - x0;
+        start[x] = ((y0 as i32 + (BORDER as i32 - 1)) * stride + (x0 as i32 + (BORDER as i32 - 1))) as u32;
+        let (w, d) = cubic(sy - y0);
+        (w0[x], w1[x], w2[x], w3[x]) = (w[0], w[1], w[2], w[3]);
+        (d0[x], d1[x], d2[x], d3[x]) = (d[0], d[1], d[2], d[3]);
+    }
+}
+
+/// Sums the taps of each pixel over y.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn gather(row: &mut Row, to: &Padded) {
+    let n = row.start.len();
+    let (columns, slopes) = (&mut row.columns[..n], &mut row.slopes[..n]);
+    let wy = row.wy.each_ref().map(|w| &w[..n]);
+    let span = 3 * to.stride + 4;
+    for x in 0..n {
+        let taps = &to.data[row.start[x] as usize..][..span];
+        let (mut column, mut slope) = ([0.0f32; 4], [0.0f32; 4]);
+        for i in 0..4 {
+            let taps = &taps[i * to.stride..][..4];
+            for j in 0..4 {
+                column[j] = wy[i][x].mul_add(taps[j], column[j]);
+                slope[j] = wy[i + 4][x].mul_add(taps[j], slope[j]);
+            }
+        }
+        columns[x] = column;
+        slopes[x] = slope;
+    }
+}
+
+/// Finishes a row: interpolated value and derivatives, the residual and what the thresholding step needs of them.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[allow(clippy::too_many_arguments)]
+fn combine(
+    row: &Row,
+    y: f32,
+    height: usize,
+    own: [&[f32]; 5],
+    blend: f32,
+    (u, v): (&[f32], &[f32]),
+    (ix, iy): (&mut [f32], &mut [f32]),
+    (residual, inverse): (&mut [f32], &mut [f32]),
+) {
+    let n = u.len();
+    let (columns, slopes, tx, v) = (&row.columns[..n], &row.slopes[..n], &row.tx[..n], &v[..n]);
+    let (ix, iy, residual, inverse) = (&mut ix[..n], &mut iy[..n], &mut residual[..n], &mut inverse[..n]);
+    let along: [&[f32]; 5] = std::array::from_fn(|i| &own[2][BORDER - 2 + i..][..n]);
+    let across = own.map(|row| &row[BORDER..][..n]);
+    let (right, bottom) = ((n - 1) as f32, (height - 1) as f32);
+    for x in 0..n {
+        let (sx, sy) = (x as f32 + u[x], y + v[x]);
+        let inside = (sx >= 0.0) & (sx <= right) & (sy >= 0.0) & (sy <= bottom);
+        let (w, d) = cubic(tx[x]);
+        let (value, dx, dy) = (dot(w, columns[x]), dot(d, columns[x]), dot(w, slopes[x]));
+        let own_dx = derivative(along[0][x], along[1][x], along[3][x], along[4][x]);
+        let own_dy = derivative(across[0][x], across[1][x], across[3][x], across[4][x]);
+        let gx = blend.mul_add(own_dx - dx, dx);
+        let gy = blend.mul_add(own_dy - dy, dy);
+        let square = gx.mul_add(gx, gy * gy);
+        let rest = gx.mul_add(-u[x], gy.mul_add(-v[x], value - across[2][x]));
+        let weight = if inside { 1.0 } else { 0.0 };
+        ix[x] = weight * gx;
+        iy[x] = weight * gy;
+        residual[x] = weight * rest;
+        inverse[x] = weight / if square > 1e-9 { square } else { 1e-9 };
+    }
+}
+
+/// Catmull–Rom weights of the four taps around a position `t` past the second, and their derivatives.
 #[inline(always)]
 fn cubic(t: f32) -> ([f32; 4], [f32; 4]) {
     let w = [
@@ -73,42 +174,6 @@ fn cubic(t: f32) -> ([f32; 4], [f32; 4]) {
 #[inline(always)]
 fn dot(a: [f32; 4], b: [f32; 4]) -> f32 {
     (a[0] * b[0] + a[1] * b[1]) + (a[2] * b[2] + a[3] * b[3])
-}
-
-/// Linearises the residual around the motion in `state`: `I₁(x + u) − I₀(x)`, with the gradient a mix of both frames'
-/// (`blend` of it from the first; ½ is symmetric in time). Where the motion leaves the picture there is no data.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-pub(super) fn linearise(state: &mut State, from: &Padded, to: &Padded, blend: f32) {
-    linearise_plain(state, from, to, blend);
-}
-
-/// [`linearise`] for whatever instruction set the caller was compiled for; same bits on all.
-#[inline(always)]
-pub(super) fn linearise_plain(state: &mut State, from: &Padded, to: &Padded, blend: f32) {
-    let (width, height) = (state.width, state.height);
-    let (right, bottom) = ((width - 1) as f32, (height - 1) as f32);
-    for y in 0..height {
-        let rows: [&[f32]; 5] = std::array::from_fn(|i| from.row(y as isize + i as isize - 2));
-        let [u, v, _, _, _, _, ix, iy, residual, inverse] = state.row_mut(y);
-        for x in 0..width {
-            let (sx, sy) = (x as f32 + u[x], y as f32 + v[x]);
-            let inside = sx >= 0.0 && sx <= right && sy >= 0.0 && sy <= bottom;
-            let [value, dx, dy] = to.sample(sx.max(-1.0).min(right + 1.0), sy.max(-1.0).min(bottom + 1.0));
-            let own = &rows[2][x..x + 2 * BORDER + 1];
-            let own_dx = derivative(own[1], own[2], own[4], own[5]);
-            let c = x + BORDER;
-            let own_dy = derivative(rows[0][c], rows[1][c], rows[3][c], rows[4][c]);
-            let gx = blend.mul_add(own_dx - dx, dx);
-            let gy = blend.mul_add(own_dy - dy, dy);
-            let square = gx.mul_add(gx, gy * gy);
-            let rest = gx.mul_add(-u[x], gy.mul_add(-v[x], value - own[3]));
-            let some = |value: f32| if inside { value } else { 0.0 };
-            ix[x] = some(gx);
-            iy[x] = some(gy);
-            residual[x] = some(rest);
-            inverse[x] = some(1.0 / square.max(1e-9));
-        }
-    }
 }
 
 /// Fourth-order central difference from the values at −2, −1, 1, 2.
