@@ -1,3 +1,41 @@
-//! `enliven-db`: builds and inspects libraries.
+//! `enliven-db`: builds libraries of fluid clips, and shows what is in them.
 
-fn main() {}
+mod gallery;
+mod inspect;
+mod verify;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use enliven::base::error::Result;
+use enliven::cli::common::{Common, exit};
+
+/// Build and look after libraries of fluid clips for enliven.
+#[derive(Parser)]
+#[command(version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Inspect(inspect::Inspect),
+    Verify(verify::Verify),
+    Gallery(gallery::Gallery),
+}
+
+fn run(cli: &Cli) -> Result<()> {
+    let terminal = cli.common.start()?;
+    match &cli.command {
+        Command::Inspect(command) => command.run(),
+        Command::Verify(command) => command.run(&terminal),
+        Command::Gallery(command) => command.run(&terminal),
+    }
+}
+
+fn main() -> ExitCode {
+    exit(run(&Cli::parse()))
+}

@@ -1,3 +1,4 @@
 //! The commands of the two programs, thin: parse, call the library, print.
 
+pub mod animate;
 pub mod common;

@@ -1,3 +1,4 @@
-//! Pictures and pages that show what was made.
+//! Things made to be looked at: contact sheets, and the gallery page of a library.
 
 pub mod contact_sheet;
+pub mod gallery;

@@ -1,0 +1,94 @@
+//! `enliven-db inspect`: what is in a pack.
+
+use std::path::PathBuf;
+
+use enliven::base::error::Result;
+use enliven::cli::common::bytes;
+use enliven::library::reader::Pack;
+use enliven::library::variant::Variant;
+use serde_json::json;
+
+/// Show what is in a library: parameters, clips, pieces and why others were left out.
+#[derive(clap::Args)]
+pub struct Inspect {
+    /// The library
+    pack: PathBuf,
+    /// Print as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Inspect {
+    pub fn run(&self) -> Result<()> {
+        let pack = Pack::open(&self.pack)?;
+        if self.json {
+            println!("{}", as_json(&pack));
+        } else {
+            self.print(&pack);
+        }
+        Ok(())
+    }
+
+    fn print(&self, pack: &Pack) {
+        let parameters = pack.parameters();
+        let size = std::fs::metadata(&self.pack).map_or(0, |m| m.len());
+        println!(
+            "{}: {}, {} clips, {} pieces",
+            self.pack.display(),
+            bytes(size),
+            pack.clips().len(),
+            pack.piece_count()
+        );
+        println!(
+            "  {} frames/s, pieces of {} px every {} px, {} words",
+            parameters.rate, parameters.piece, parameters.stride, parameters.words
+        );
+        let n = pack.normalizers();
+        println!(
+            "  medians of the smoothness terms: motion {:.4}, dynamics {:.4}, texture {:.4}",
+            n.dc, n.ac, n.texture
+        );
+        println!(
+            "{:18} {:10} {:>9} {:>7} {:>8} {:>6} {:>8} {:>8}",
+            "clip", "tag", "size", "frames", "pieces", "share", "outside", "still"
+        );
+        for clip in pack.clips() {
+            let sum = |of: fn(&enliven::library::metadata::PieceCounts) -> u32| -> u64 {
+                clip.counts.iter().map(|c| u64::from(of(c))).sum()
+            };
+            println!(
+                "{:18} {:10} {:>9} {:>7} {:>8} {:>5.1}% {:>8} {:>8}",
+                clip.id.to_string(),
+                clip.tag,
+                format!("{}x{}", clip.width, clip.height),
+                clip.frames,
+                clip.pieces(),
+                100.0 * clip.pieces() as f64 / pack.piece_count().max(1) as f64,
+                sum(|c| c.outside),
+                sum(|c| c.still)
+            );
+        }
+    }
+}
+
+fn as_json(pack: &Pack) -> serde_json::Value {
+    let parameters = pack.parameters();
+    let variants = |counts: &[enliven::library::metadata::PieceCounts; Variant::COUNT]| -> serde_json::Value {
+        let row = |(variant, c): (Variant, &enliven::library::metadata::PieceCounts)| {
+            json!({ "flip": variant.flip, "scale": variant.scale_factor(), "degrees": variant.degrees(),
+                "pieces": c.kept, "outside": c.outside, "still": c.still })
+        };
+        Variant::all().zip(counts).map(row).collect()
+    };
+    let clip = |c: &enliven::library::metadata::ClipMeta| {
+        json!({ "id": c.id.to_string(), "tag": c.tag, "width": c.width, "height": c.height, "frames": c.frames,
+            "pieces": c.pieces(), "variants": variants(&c.counts) })
+    };
+    let n = pack.normalizers();
+    json!({
+        "rate": parameters.rate, "stride": parameters.stride, "words": parameters.words, "piece": parameters.piece,
+        "cell": parameters.cell, "pieces": pack.piece_count(),
+        "normalizers": { "dc": n.dc, "ac": n.ac, "texture": n.texture },
+        "clips": pack.clips().iter().map(clip).collect::<Vec<_>>(),
+    })
+}

@@ -1,0 +1,42 @@
+//! `enliven-db verify`: reads every byte of a pack.
+
+use std::path::PathBuf;
+
+use enliven::base::error::Result;
+use enliven::base::observe::Observer;
+use enliven::cli::common::bytes;
+use enliven::library::reader::Pack;
+use enliven::library::verify::verify;
+
+/// Check every byte of a library.
+#[derive(clap::Args)]
+pub struct Verify {
+    /// The library
+    pack: PathBuf,
+    /// Print as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Verify {
+    pub fn run(&self, observer: &dyn Observer) -> Result<()> {
+        let report = verify(&*Pack::open(&self.pack)?, observer)?;
+        if self.json {
+            println!(
+                "{}",
+                serde_json::json!({ "sound": true, "bytes": report.bytes, "clips": report.clips,
+                "frames": report.frames, "pieces": report.pieces })
+            );
+        } else {
+            println!(
+                "{}: sound; {} read, {} clips, {} frames, {} pieces",
+                self.pack.display(),
+                bytes(report.bytes),
+                report.clips,
+                report.frames,
+                report.pieces
+            );
+        }
+        Ok(())
+    }
+}
