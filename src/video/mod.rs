@@ -3,6 +3,7 @@
 mod avc_headers;
 pub mod clip;
 pub mod gif_writer;
+pub mod looping;
 mod mp4_boxes;
 pub mod mp4_writer;
 mod palette;
