@@ -321,7 +321,7 @@ mod tests {
     #[test]
     fn noise_keeps_its_contrast_through_a_fade() {
         let noise = |t: usize| {
-            Plane::from_fn(64, 64, |x, y| rng::unit(rng::hash(3, &[t as u64, x as u64, y as u64])) as f32 - 0.5)
+            Plane::from_fn(64, 64, |x, y| rng::unit(rng::hash(3, &[t as u64, x as u64, y as u64])) - 0.5)
         };
         let frames: Vec<Plane> = (0..80).map(noise).collect();
         let mean = mean_of(&frames);
@@ -339,7 +339,7 @@ mod tests {
         // Noise, apart from frames 20.. and 80.. which are alike.
         let pattern = |t: usize| if (80..100).contains(&t) { t - 60 } else { t };
         let noise = |t: usize| {
-            Plane::from_fn(16, 16, |x, y| rng::unit(rng::hash(5, &[pattern(t) as u64, x as u64, y as u64])) as f32)
+            Plane::from_fn(16, 16, |x, y| rng::unit(rng::hash(5, &[pattern(t) as u64, x as u64, y as u64])))
         };
         let frames: Vec<Plane> = (0..200).map(noise).collect();
         let plan = plan_loop(&Distances::between(&frames), 60, 8).unwrap();
