@@ -320,9 +320,8 @@ mod tests {
 
     #[test]
     fn noise_keeps_its_contrast_through_a_fade() {
-        let noise = |t: usize| {
-            Plane::from_fn(64, 64, |x, y| rng::unit(rng::hash(3, &[t as u64, x as u64, y as u64])) - 0.5)
-        };
+        let noise =
+            |t: usize| Plane::from_fn(64, 64, |x, y| rng::unit(rng::hash(3, &[t as u64, x as u64, y as u64])) - 0.5);
         let frames: Vec<Plane> = (0..80).map(noise).collect();
         let mean = mean_of(&frames);
         let plan = plan_loop(&Distances::between(&frames), 60, 11).unwrap();
@@ -338,9 +337,8 @@ mod tests {
     fn a_long_clip_is_used_once_at_its_best_place() {
         // Noise, apart from frames 20.. and 80.. which are alike.
         let pattern = |t: usize| if (80..100).contains(&t) { t - 60 } else { t };
-        let noise = |t: usize| {
-            Plane::from_fn(16, 16, |x, y| rng::unit(rng::hash(5, &[pattern(t) as u64, x as u64, y as u64])))
-        };
+        let noise =
+            |t: usize| Plane::from_fn(16, 16, |x, y| rng::unit(rng::hash(5, &[pattern(t) as u64, x as u64, y as u64])));
         let frames: Vec<Plane> = (0..200).map(noise).collect();
         let plan = plan_loop(&Distances::between(&frames), 60, 8).unwrap();
         assert_eq!(plan.segments(), [60]);
