@@ -295,7 +295,7 @@ impl H264 {
     }
 
     /// Rewrites a sample with start codes instead of lengths.
-    fn to_annex_b(&mut self, packet: &[u8]) -> Result<(), Failure> {
+    fn rewrite(&mut self, packet: &[u8]) -> Result<(), Failure> {
         self.annex_b.clear();
         if std::mem::take(&mut self.fresh) {
             for nal in &self.configuration.parameter_sets {
@@ -343,7 +343,7 @@ fn cut(plane: &[u8], width: usize, left: usize, top: usize) -> Vec<u8> {
 
 impl VideoDecoder for H264 {
     fn decode(&mut self, packet: &[u8]) -> Result<Option<Picture>, Failure> {
-        self.to_annex_b(packet)?;
+        self.rewrite(packet)?;
         if let Some(reason) = self.sps.and_then(|sps| sps.unsupported()) {
             return Err(Failure::Unsupported(reason));
         }

@@ -4,7 +4,6 @@ pub mod animation;
 mod avc_headers;
 pub mod avi;
 pub mod clip;
-pub mod clip;
 pub mod conform;
 pub mod decoder;
 pub mod ffmpeg;
