@@ -8,15 +8,19 @@
 use std::path::Path;
 use std::time::Instant;
 
+use enliven::assign::candidates::{Options, Pieces, search};
 use enliven::base::observe::Silent;
 use enliven::base::{par, rng};
 use enliven::descriptor::dense_sift::{DIMENSIONS, DescriptorGrid, describe};
-use enliven::descriptor::vocabulary::{Vocabulary, WORDS};
+use enliven::descriptor::vocabulary::{PIECE_WORDS, Vocabulary, WORDS, WordGrid};
 use enliven::raster::filter;
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::resample::resize;
 
+/// Descriptors in the codebook, pieces in the library and nodes of the target, at most.
 const CODEBOOK: usize = 1_000_000;
+const PIECES: usize = 250_000;
+const NODES: usize = 494;
 
 /// CPU time of this thread so far in seconds (Linux), or the wall clock.
 fn seconds(start: Instant) -> f64 {
@@ -113,6 +117,32 @@ fn main() {
     let vocabulary = Vocabulary::train(&table, WORDS, 1, &Silent).expect("there are descriptors");
     let time = fastest(3, || vocabulary.words(&grids[0]));
     println!("words: {:.2} M/s, one thread", grids[0].contrast.len() as f64 / time * 1e-6);
+    let words: Vec<WordGrid> = grids.iter().map(|g| vocabulary.words(g)).collect();
+    // The second size of the first picture is the target; its own levels stay out of the library.
+    retrieval(&words[2], &words[8..]);
+}
+
+/// Squares of a word grid every `stride` points.
+fn squares(grid: &WordGrid, stride: usize) -> Vec<[u8; PIECE_WORDS]> {
+    let places = (0..grid.height).step_by(stride).flat_map(|j| (0..grid.width).step_by(stride).map(move |i| (i, j)));
+    places.filter_map(|(i, j)| grid.piece(4 * i, 4 * j)).collect()
+}
+
+fn retrieval(target: &WordGrid, library: &[WordGrid]) {
+    let all: Vec<[u8; PIECE_WORDS]> = library.iter().flat_map(|g| squares(g, 1)).collect();
+    let n = all.len().min(PIECES);
+    let words: Vec<[u8; PIECE_WORDS]> = (0..n).map(|i| all[i * all.len() / n]).collect();
+    let nodes: Vec<[u8; PIECE_WORDS]> = squares(target, 6).into_iter().cycle().take(NODES).collect();
+    let pieces = Pieces { words: &words, places: None };
+    let run = || search(&nodes, pieces, Options::default(), None, &Silent).expect("there are pieces");
+    let time = par::with_threads(1, || fastest(3, run)).expect("threads start");
+    println!("candidates: {} nodes x {n} pieces in {:.0} ms, one thread", nodes.len(), time * 1e3);
+    let places: Vec<u32> = (0..n as u32).map(|i| i / 16).collect();
+    let pieces = Pieces { places: Some(&places), ..pieces };
+    let spread = Options { per_place: 2, ..Options::default() };
+    let run = || search(&nodes, pieces, spread, None, &Silent).expect("there are pieces");
+    let time = par::with_threads(1, || fastest(3, run)).expect("threads start");
+    println!("candidates, 2 per place: {:.0} ms", time * 1e3);
 }
 
 fn codebook(table: &[u8]) {

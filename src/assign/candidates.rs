@@ -1,32 +1,21 @@
 //! The pieces whose appearance is most like a node's (Okabe et al. 2011, §5, Eq. 1; 100 per node: §5).
 //!
-//! The search is exact: it returns what comparing every node with every piece and sorting would, ties broken by the
-//! number of the piece. Level 0 is compared for all pieces, as bytes, many pieces of a cache-sized stretch against many
-//! nodes; the bounds of [`crate::descriptor::spatial_pyramid`] then leave few pieces whose levels 1 and 2 can matter.
-
-use multiversion::multiversion;
+//! The search is exact: every node is compared with every piece, 64 pieces at a time
+//! ([`crate::descriptor::spatial_pyramid::Block`]); ties are broken by the number of the piece.
 
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::par;
-use crate::descriptor::spatial_pyramid::{self, Pyramid, ROW, bound_after_level0};
+use crate::descriptor::spatial_pyramid::{self, BLOCK, Block, Query};
 use crate::descriptor::vocabulary::PIECE_WORDS;
 use crate::library::piece::PieceIx;
 
 /// Candidates per node (Okabe et al. 2011, §5).
 pub const CANDIDATES: usize = 100;
 
-/// Nodes that share one pass over the pieces, and pieces (256 bytes each) that stay in the cache meanwhile.
-const NODE_BLOCK: usize = 32;
-const PIECE_BLOCK: usize = 1024;
-/// Level-0 results that are passed over together when none of them can matter.
-const LANES: usize = 64;
-
 /// What the search reads of a library, one entry per piece, in the order of [`PieceIx`].
 #[derive(Debug, Clone, Copy)]
 pub struct Pieces<'a> {
-    /// Level-0 histograms.
-    pub level0: &'a [[u8; ROW]],
     /// The 9 × 9 words.
     pub words: &'a [[u8; PIECE_WORDS]],
     /// A number for the clip and place that a piece shows, equal for pieces that should count as one spot; used only with
@@ -107,14 +96,11 @@ pub fn search(
 ) -> Result<Candidates> {
     check(nodes.len(), pieces, options)?;
     let options = Options { per_place: if pieces.places.is_some() { options.per_place } else { 0 }, ..options };
-    let blocks: Vec<&[[u8; PIECE_WORDS]]> = nodes.chunks(NODE_BLOCK).collect();
-    let found = observe::stage(observer, "candidates", nodes.len() as u64, || {
-        par::try_map(blocks.len(), |b| {
-            let first = b * NODE_BLOCK;
-            let tops = search_block(first, blocks[b], pieces, options, gate, observer)?;
-            observer.advance("candidates", blocks[b].len() as u64);
-            Ok(tops)
-        })
+    // Every share of the nodes sorts all pieces into blocks, so there is just one share per thread.
+    let share = nodes.len().div_ceil(par::threads()).max(1);
+    let shares: Vec<&[[u8; PIECE_WORDS]]> = nodes.chunks(share).collect();
+    let found = observe::stage(observer, "candidates", (shares.len() * pieces.words.len()) as u64, || {
+        par::try_map(shares.len(), |i| search_share(i * share, shares[i], pieces, options, gate, observer))
     })?;
     let mut out = Candidates { offsets: vec![0], ..Candidates::default() };
     for top in found.iter().flatten() {
@@ -131,7 +117,7 @@ fn check(nodes: usize, pieces: Pieces, options: Options) -> Result<()> {
     if n == 0 {
         return Err(Error::new(Kind::Unusable, "library", "holds no pieces").remedy("add clips to it, or use another"));
     }
-    if pieces.level0.len() != n || pieces.places.is_some_and(|p| p.len() != n) || u32::try_from(n).is_err() {
+    if pieces.places.is_some_and(|p| p.len() != n) || u32::try_from(n).is_err() {
         return Err(Error::new(Kind::Data, "library", format!("its piece tables do not fit together ({n} pieces)")));
     }
     if options.count == 0 || u32::try_from(nodes.saturating_mul(options.count)).is_err() {
@@ -142,7 +128,7 @@ fn check(nodes: usize, pieces: Pieces, options: Options) -> Result<()> {
 }
 
 /// Candidates of consecutive nodes, the first of which has number `first`.
-fn search_block(
+fn search_share(
     first: usize,
     nodes: &[[u8; PIECE_WORDS]],
     pieces: Pieces,
@@ -150,20 +136,24 @@ fn search_block(
     gate: Option<&dyn Gate>,
     observer: &dyn Observer,
 ) -> Result<Vec<Top>> {
-    let pyramids: Vec<Pyramid> = nodes.iter().map(Pyramid::of).collect();
-    let mut tops: Vec<Top> = nodes.iter().map(|_| Top::new(options)).collect();
+    let queries: Vec<Query> = nodes.iter().map(Query::new).collect();
+    let mut tops: Vec<Top> = nodes.iter().map(|_| Top::new(options, 0)).collect();
     let wanted = options.count.min(pieces.words.len());
     let mut open: Vec<usize> = (0..nodes.len()).collect();
+    let mut block = Block::default();
     for widening in 0.. {
         let gate = gate.filter(|gate| widening < gate.steps());
-        for &n in &open {
-            tops[n] = Top { widening, ..Top::new(options) };
-        }
-        for start in (0..pieces.words.len()).step_by(PIECE_BLOCK) {
+        open.iter().for_each(|&n| tops[n] = Top::new(options, widening));
+        for (b, words) in pieces.words.chunks(BLOCK).enumerate() {
             observe::check(observer)?;
+            block.load(words);
             for &n in &open {
+                let scores = &block.scores(&queries[n])[..words.len()];
                 let admits = |piece| gate.is_none_or(|g| g.admits(first + n, PieceIx(piece), widening));
-                tops[n].see(&pyramids[n], pieces, start, admits);
+                tops[n].see(b * BLOCK, scores, pieces.places, admits);
+            }
+            if widening == 0 {
+                observer.advance("candidates", words.len() as u64);
             }
         }
         open.retain(|&n| tops[n].entries.len() < wanted);
@@ -193,34 +183,24 @@ struct Top {
     entries: Vec<Entry>,
     /// Pieces with a lower score cannot get in.
     least: u32,
-    /// Pieces with fewer common points on level 0 cannot get in.
-    least_common: u8,
     widening: u32,
 }
 
 impl Top {
-    fn new(options: Options) -> Self {
-        Self { options, entries: Vec::new(), least: 0, least_common: 0, widening: 0 }
+    fn new(options: Options, widening: u32) -> Self {
+        Self { options, entries: Vec::new(), least: 0, widening }
     }
 
-    /// Compares the block of pieces from `start` on with the node.
-    fn see(&mut self, pyramid: &Pyramid, pieces: Pieces, start: usize, admits: impl Fn(u32) -> bool) {
-        let rows = &pieces.level0[start..(start + PIECE_BLOCK).min(pieces.level0.len())];
-        let mut common = [0u8; PIECE_BLOCK];
-        compare(pyramid.level0(), rows, &mut common);
-        for (chunk, common) in common[..rows.len()].chunks(LANES).enumerate() {
-            if common.iter().all(|&c| c < self.least_common) {
-                continue;
-            }
-            for (i, &i0) in common.iter().enumerate() {
-                let piece = start + chunk * LANES + i;
-                if i0 < self.least_common || !admits(piece as u32) {
-                    continue;
-                }
-                if let Some(score) = pyramid.score_above(u32::from(i0), &pieces.words[piece], self.least) {
-                    let place = pieces.places.map_or(0, |places| places[piece]);
-                    self.offer(Entry { score, piece: piece as u32, place });
-                }
+    /// Takes what it can use of the pieces from `start` on, which have these scores.
+    fn see(&mut self, start: usize, scores: &[u16], places: Option<&[u32]>, admits: impl Fn(u32) -> bool) {
+        if scores.iter().all(|&score| u32::from(score) < self.least) {
+            return;
+        }
+        for (piece, &score) in (start..).zip(scores) {
+            let score = u32::from(score);
+            if score >= self.least && admits(piece as u32) {
+                let place = places.map_or(0, |places| places[piece]);
+                self.offer(Entry { score, piece: piece as u32, place });
             }
         }
     }
@@ -244,18 +224,7 @@ impl Top {
         self.entries.insert(at, entry);
         if self.entries.len() == self.options.count {
             self.least = self.entries[self.options.count - 1].score + 1;
-            while self.least_common < u8::MAX && bound_after_level0(u32::from(self.least_common)) < self.least {
-                self.least_common += 1;
-            }
         }
-    }
-}
-
-/// Common points on level 0 of a node with each of `rows`.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn compare(node: &[u8; ROW], rows: &[[u8; ROW]], common: &mut [u8]) {
-    for (common, row) in common.iter_mut().zip(rows) {
-        *common = spatial_pyramid::common(node, row);
     }
 }
 
@@ -264,7 +233,7 @@ mod tests {
     use super::*;
     use crate::base::observe::Silent;
     use crate::base::rng;
-    use crate::descriptor::spatial_pyramid::level0;
+    use crate::descriptor::spatial_pyramid::score;
     use proptest::prelude::*;
 
     /// Pieces of `words` words; every piece but the first few repeats an earlier one with some words changed, so that
@@ -292,9 +261,8 @@ mod tests {
         options: Options,
         admits: impl Fn(usize) -> bool,
     ) -> Vec<(u32, usize)> {
-        let pyramid = Pyramid::of(node);
         let admitted = (0..pieces.len()).filter(|&i| admits(i));
-        let mut all: Vec<(u32, usize)> = admitted.map(|i| (pyramid.score(&pieces[i]), i)).collect();
+        let mut all: Vec<(u32, usize)> = admitted.map(|i| (score(node, &pieces[i]), i)).collect();
         all.sort_by_key(|&(score, i)| (std::cmp::Reverse(score), i));
         let mut taken = std::collections::BTreeMap::new();
         all.retain(|&(_, i)| {
@@ -326,15 +294,14 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(60))]
         #[test]
         fn exact_search_equals_brute_force(
-            n in 1usize..2500, words in 1u64..202, seed: u64, count in 1usize..120, per_place in 0usize..4,
+            n in 1usize..600, words in 1u64..202, seed: u64, count in 1usize..120, per_place in 0usize..4,
             place_count in 1u64..60, nodes in 1usize..4
         ) {
             let pieces = random_pieces(n, words, seed);
-            let rows: Vec<_> = pieces.iter().map(level0).collect();
             let places: Vec<u32> = (0..n).map(|i| rng::below(rng::hash(seed, &[i as u64]), place_count) as u32).collect();
             let nodes = random_pieces(n + nodes, words, seed).split_off(n);
             let options = Options { count, per_place };
-            let all = Pieces { level0: &rows, words: &pieces, places: Some(&places) };
+            let all = Pieces { words: &pieces, places: Some(&places) };
             let found = search(&nodes, all, options, None, &Silent).unwrap();
             prop_assert_eq!(found.nodes(), nodes.len());
             for (k, node) in nodes.iter().enumerate() {
@@ -343,12 +310,11 @@ mod tests {
         }
 
         #[test]
-        fn a_gate_is_widened_until_there_are_enough(n in 1usize..1500, seed: u64, count in 1usize..40) {
+        fn a_gate_is_widened_until_there_are_enough(n in 1usize..600, seed: u64, count in 1usize..40) {
             let pieces = random_pieces(n, 30, seed);
-            let rows: Vec<_> = pieces.iter().map(level0).collect();
             let nodes = random_pieces(n + 2, 30, seed).split_off(n);
             let options = Options { count, ..Options::default() };
-            let all = Pieces { level0: &rows, words: &pieces, places: None };
+            let all = Pieces { words: &pieces, places: None };
             let gate = Every(64);
             let found = search(&nodes, all, options, Some(&gate), &Silent).unwrap();
             for (k, node) in nodes.iter().enumerate() {
@@ -364,9 +330,8 @@ mod tests {
     #[test]
     fn any_number_of_threads_gives_the_same_candidates() {
         let pieces = random_pieces(3000, 40, 1);
-        let rows: Vec<_> = pieces.iter().map(level0).collect();
         let nodes = random_pieces(3100, 40, 1).split_off(3000);
-        let all = Pieces { level0: &rows, words: &pieces, places: None };
+        let all = Pieces { words: &pieces, places: None };
         let run = || search(&nodes, all, Options::default(), None, &Silent).unwrap();
         assert_eq!(par::with_threads(1, run).unwrap(), par::with_threads(2, run).unwrap());
     }
@@ -374,12 +339,11 @@ mod tests {
     #[test]
     fn nonsense_is_refused() {
         let pieces = random_pieces(3, 5, 1);
-        let rows: Vec<_> = pieces.iter().map(level0).collect();
         let run = |pieces, count| search(&[], pieces, Options { count, per_place: 0 }, None, &Silent);
-        let all = Pieces { level0: &rows, words: &pieces, places: None };
+        let all = Pieces { words: &pieces, places: None };
         assert_eq!(run(all, 1).unwrap().nodes(), 0);
         assert!(run(all, 0).is_err());
-        assert!(run(Pieces { level0: &rows[1..], ..all }, 1).is_err());
-        assert!(run(Pieces { level0: &[], words: &[], places: None }, 1).is_err());
+        assert!(run(Pieces { places: Some(&[1, 2]), ..all }, 1).is_err());
+        assert!(run(Pieces { words: &[], places: None }, 1).is_err());
     }
 }
