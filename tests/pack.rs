@@ -24,7 +24,7 @@ use enliven::raster::image::Rgb8;
 use half::f16;
 
 const WIDTH: usize = 64;
-const HEIGHT: usize = 64;
+const HEIGHT: usize = 48;
 const FRAMES: usize = 37;
 
 fn parameters() -> Parameters {

@@ -9,6 +9,7 @@ pub mod grid;
 pub mod metadata;
 pub mod normalizers;
 pub mod piece;
+pub mod pieces;
 pub mod reader;
 pub mod segment;
 pub mod significance;

@@ -182,10 +182,15 @@ impl Store {
             return Ok(());
         }
         self.check_length()?;
-        if fresh.len() < 64 {
-            return fresh.into_iter().try_for_each(|b| self.check_block(b));
+        self.check_blocks(&fresh)
+    }
+
+    /// Checks blocks, on all threads when there are many.
+    fn check_blocks(&self, blocks: &[usize]) -> Result<()> {
+        if blocks.len() < 64 {
+            return blocks.iter().try_for_each(|&b| self.check_block(b));
         }
-        par::try_map(fresh.len(), |i| self.check_block(fresh[i])).map(|_| ())
+        par::try_map(blocks.len(), |i| self.check_block(blocks[i])).map(|_| ())
     }
 
     fn is_sound(&self, check: usize) -> bool {
@@ -209,7 +214,7 @@ impl Store {
     /// [`Kind::Data`] naming the first block that does not match.
     pub fn check_all(&self) -> Result<()> {
         self.check_length()?;
-        par::try_map(self.checks.len(), |i| self.check_block(i + 1)).map(|_| ())
+        self.check_blocks(&(1..=self.checks.len()).collect::<Vec<_>>())
     }
 
     /// The padding of a section, to its next block.
