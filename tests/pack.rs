@@ -37,7 +37,6 @@ fn parameters() -> Parameters {
         cell_bytes: 48,
         working: 640,
         moving_permille: 50,
-        max_frames: 1000,
         features: 1,
     }
 }

@@ -50,12 +50,20 @@ impl AtomicFile {
         &self.file
     }
 
+    /// Flushes the content to the disk; [`AtomicFile::commit`] does it too, this is for telling the time it takes.
+    ///
+    /// # Errors
+    /// When the disk is full.
+    pub fn sync(&self) -> Result<()> {
+        self.file.sync_all().map_err(|e| Error::io(&self.target, "write", e))
+    }
+
     /// Flushes the content to the disk, gives the file its final name (replacing an older file) and flushes the folder.
     ///
     /// # Errors
     /// When the disk is full or the system refuses; the older file is then still there.
     pub fn commit(mut self) -> Result<()> {
-        self.file.sync_all().map_err(|e| Error::io(&self.target, "write", e))?;
+        self.sync()?;
         fs::rename(&self.temporary, &self.target).map_err(|e| Error::io(&self.target, "rename", e))?;
         self.committed = true;
         sync_folder(parent(&self.target))

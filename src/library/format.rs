@@ -12,6 +12,8 @@ pub const END_MAGIC: [u8; 8] = *b"ENLEND\r\n";
 pub const MAJOR: u16 = 1;
 /// Minor version: a newer one only adds sections.
 pub const MINOR: u16 = 0;
+/// Version of the feature computations; raised whenever any of them gives other numbers.
+pub const FEATURES: u32 = 1;
 /// Unit of alignment of sections and of checksums, bytes.
 pub const BLOCK: usize = 64 * 1024;
 /// Length of the end marker, bytes.
@@ -84,14 +86,12 @@ pub struct Parameters {
     pub working: u32,
     /// Least share of moving pixels of a piece, thousandths.
     pub moving_permille: u32,
-    /// Most frames taken of a clip.
-    pub max_frames: u32,
     /// Version of the feature computations; a change of any of them makes packs incomparable.
     pub features: u32,
 }
 
 impl Parameters {
-    const COUNT: usize = 10;
+    const COUNT: usize = 9;
 
     fn to_array(self) -> [u32; Self::COUNT] {
         [
@@ -103,14 +103,13 @@ impl Parameters {
             self.cell_bytes,
             self.working,
             self.moving_permille,
-            self.max_frames,
             self.features,
         ]
     }
 
     fn from_array(v: [u32; Self::COUNT]) -> Self {
-        let [rate, stride, words, piece, cell, cell_bytes, working, moving_permille, max_frames, features] = v;
-        Self { rate, stride, words, piece, cell, cell_bytes, working, moving_permille, max_frames, features }
+        let [rate, stride, words, piece, cell, cell_bytes, working, moving_permille, features] = v;
+        Self { rate, stride, words, piece, cell, cell_bytes, working, moving_permille, features }
     }
 }
 

@@ -2,10 +2,15 @@
 
 pub mod acceptance;
 pub mod analyse;
+pub mod analyse_clip;
 pub mod assemble;
+pub mod build;
+pub mod estimate;
+pub mod features;
 pub mod format;
 pub mod frames;
 pub mod grid;
+pub mod inputs;
 pub mod metadata;
 pub mod normalizers;
 pub mod piece;
@@ -18,4 +23,5 @@ pub mod store;
 pub mod tile;
 pub mod variant;
 pub mod verify;
+pub mod workshop;
 pub mod writer;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
-use super::format::{Parameters, Section, SectionId, damaged, section};
+use super::format::{FEATURES, Parameters, Section, SectionId, damaged, section};
 use super::frames::Decoder;
 use super::grid::Cell;
 use super::metadata::{ClipMeta, Metadata};
@@ -122,6 +122,7 @@ impl Pack {
     fn from_store(store: Store) -> Result<Arc<Self>> {
         let subject = store.subject();
         let find = |id: SectionId, row_bytes: usize| store.header.section(&subject, id, row_bytes);
+        check_parameters(&subject, &store.header.parameters)?;
         let metadata = Metadata::decode(&subject, store.section(&find(section::META, 1)?)?)?;
         let sections = Sections {
             vocabulary: find(section::VOCABULARY, DIMENSIONS)?,
@@ -346,6 +347,18 @@ impl Pack {
         let entry: FrameEntry = bytemuck::pod_read_unaligned(bytes);
         self.store.range(&self.sections.frames, entry.offset, entry.offset.saturating_add(entry.length))
     }
+}
+
+/// Refuses packs whose features this build computes differently: they could not be compared with a picture's.
+fn check_parameters(subject: &str, parameters: &Parameters) -> Result<()> {
+    let ours = [PIECE, CELL, size_of::<Cell>(), FEATURES as usize];
+    let theirs = [parameters.piece, parameters.cell, parameters.cell_bytes, parameters.features];
+    if theirs.map(|v| v as usize) != ours {
+        let problem = format!("its features are of another kind ({theirs:?} instead of {ours:?})");
+        return Err(Error::new(Kind::Unsupported, subject, problem)
+            .remedy("build the library again with this Enliven, or use the one that built it"));
+    }
+    Ok(())
 }
 
 fn grid_size(meta: &ClipMeta, scale: u8) -> (usize, usize) {

@@ -153,6 +153,14 @@ impl Segment {
         Ok(Self { store, meta, data: Some([frame_index, averages, cells, frames]) })
     }
 
+    /// Compares every byte with its checksum.
+    ///
+    /// # Errors
+    /// When one does not match.
+    pub fn check_all(&self) -> Result<()> {
+        self.store.check_all()
+    }
+
     fn part(&self, which: usize) -> Result<&[u8]> {
         match &self.data {
             Some(sections) => self.store.section(&sections[which]),

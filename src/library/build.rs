@@ -1,0 +1,325 @@
+//! Builds a library from clips: analyse each, learn the vocabulary, write the pack.
+//!
+//! A build can be cut off anywhere. What is finished of it lies in the folder `L.pack.build` and is used by the next
+//! one; under the final name there is nothing, or the whole pack.
+
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use super::analyse_clip::{self, Analysed};
+use super::assemble::{Tables, assemble};
+use super::estimate::Estimate;
+use super::features;
+use super::format::{FEATURES, Parameters};
+use super::grid::Cell;
+use super::inputs;
+use super::piece::ClipId;
+use super::segment::Segment;
+use super::variant::{CELL, PIECE};
+use super::workshop::Workshop;
+use crate::base::atomic_file::AtomicFile;
+use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::{self, Observer};
+use crate::descriptor::vocabulary::{MAX_WORDS, WORDS};
+
+/// Library frame rate, frames per second.
+pub const RATE: u32 = 25;
+
+/// What to build.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Options {
+    /// Tag of the clips ("water"); may be empty.
+    pub tag: String,
+    /// Distance of neighbouring pieces, pixels: 32, or 24 or 16 for small fluids.
+    pub stride: u32,
+    /// Visual words to learn (k).
+    pub words: u32,
+    /// Longest side of a working frame, pixels.
+    pub working: u32,
+    /// Least share of moving pixels of a piece, thousandths.
+    pub moving_permille: u32,
+}
+
+impl Default for Options {
+    fn default() -> Self {
+        Self { tag: String::new(), stride: 32, words: WORDS as u32, working: 640, moving_permille: 50 }
+    }
+}
+
+impl Options {
+    /// Checks every option.
+    ///
+    /// # Errors
+    /// [`Kind::Usage`] naming the option and its range.
+    pub fn check(&self) -> Result<()> {
+        let bad = |name: &str, value: u32, allowed: String| {
+            Err(Error::new(Kind::Usage, name, format!("{value} asked")).allowed(allowed))
+        };
+        if !(4..=PIECE as u32).contains(&self.stride) || !self.stride.is_multiple_of(CELL as u32) {
+            return bad("--stride", self.stride, format!("multiples of 4 from 4 to {PIECE}"));
+        }
+        if !(1..=MAX_WORDS as u32).contains(&self.words) {
+            return bad("--words", self.words, format!("1 to {MAX_WORDS}"));
+        }
+        if !(64..=4096).contains(&self.working) {
+            return bad("--working-size", self.working, "64 to 4096".to_owned());
+        }
+        if self.moving_permille > 1000 {
+            return bad("--moving", self.moving_permille, "0 to 1000".to_owned());
+        }
+        if self.tag.len() > 64 || self.tag.chars().any(|c| c.is_control() || c == ',') {
+            return Err(Error::new(Kind::Usage, "--tag", "too long, or with commas or control characters")
+                .allowed("up to 64 bytes"));
+        }
+        Ok(())
+    }
+
+    /// As they stand in the pack's header.
+    pub fn parameters(&self) -> Parameters {
+        Parameters {
+            rate: RATE,
+            stride: self.stride,
+            words: self.words,
+            piece: PIECE as u32,
+            cell: CELL as u32,
+            cell_bytes: size_of::<Cell>() as u32,
+            working: self.working,
+            moving_permille: self.moving_permille,
+            features: FEATURES,
+        }
+    }
+}
+
+/// An accepted clip of a build.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Accepted {
+    /// Where it was read.
+    pub path: PathBuf,
+    /// Start of its identity.
+    pub id: String,
+    /// Width in working pixels.
+    pub width: u32,
+    /// Height in working pixels.
+    pub height: u32,
+    /// Frames at the library rate.
+    pub frames: u32,
+    /// Pieces kept.
+    pub pieces: u64,
+    /// Places dropped because too little moves there.
+    pub still: u64,
+    /// What was noticed (black bars, duplicate frames…).
+    pub notes: Vec<String>,
+    /// Taken from an interrupted build.
+    pub resumed: bool,
+}
+
+/// A clip that was left out.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Refused {
+    /// Where it was read.
+    pub path: PathBuf,
+    /// Why.
+    pub reason: String,
+}
+
+/// What a build did.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct BuildReport {
+    /// Clips in the pack, in its order.
+    pub accepted: Vec<Accepted>,
+    /// Clips left out, in the order given.
+    pub refused: Vec<Refused>,
+    /// Clips given more than once.
+    pub duplicates: Vec<PathBuf>,
+    /// Pieces in the pack.
+    pub pieces: u64,
+    /// Visual words learnt.
+    pub words: u32,
+    /// Bytes of the pack.
+    pub bytes: u64,
+    /// Seconds: reading and analysing, features, writing.
+    pub seconds: [f64; 3],
+}
+
+/// Builds the pack `output` from `clips` (files, or folders of them). Clips that cannot be used are refused by name, and
+/// the build goes on. Stages: "clips" (in clips), "analyse" and "decode" (in frames of one clip), "features", "words",
+/// "write" (in bytes), "sync" and "rename".
+///
+/// # Errors
+/// When no clip can be used, another build works on the same output, the disk is too small or fails, or the run was
+/// cancelled. Nothing is left under the final name then; what was finished serves the next run.
+pub fn build(clips: &[PathBuf], output: &Path, options: &Options, observer: &dyn Observer) -> Result<BuildReport> {
+    options.check()?;
+    let files = inputs::expand(clips)?;
+    let workshop = Workshop::open(output)?;
+    Estimate::of(&files, options).tell(output, observer)?;
+    let mut report = BuildReport {
+        accepted: Vec::new(),
+        refused: Vec::new(),
+        duplicates: Vec::new(),
+        pieces: 0,
+        words: 0,
+        bytes: 0,
+        seconds: [0.0; 3],
+    };
+    let clips = timed(&mut report.seconds[0], || analyse_all(&files, &workshop, options, observer))?;
+    let (sources, segments) = clips.sort_out(&mut report)?;
+    let tables = timed(&mut report.seconds[1], || features::compute(&segments, options, observer))?;
+    report.bytes = timed(&mut report.seconds[2], || write(output, &tables, &segments, observer))?;
+    report.complete(sources, &segments, &tables);
+    drop(segments);
+    workshop.remove()?;
+    Ok(report)
+}
+
+fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> Result<T>) -> Result<T> {
+    let start = std::time::Instant::now();
+    let result = work();
+    *seconds = start.elapsed().as_secs_f64();
+    result
+}
+
+/// What became of each clip given.
+enum Outcome {
+    Used { segment: Segment, resumed: bool },
+    Refused(String),
+    Duplicate,
+}
+
+/// Outcomes in the order given.
+struct Outcomes(Vec<(PathBuf, Outcome)>);
+
+/// Where the clips of the pack came from, in its order: path, resumed.
+type Sources = Vec<(PathBuf, bool)>;
+
+impl Outcomes {
+    /// Notes refusals and duplicates in the report; gives the clips to use, ordered by content.
+    fn sort_out(self, report: &mut BuildReport) -> Result<(Sources, Vec<Segment>)> {
+        let mut used = Vec::new();
+        for (path, outcome) in self.0 {
+            match outcome {
+                Outcome::Used { segment, resumed } => used.push((path, resumed, segment)),
+                Outcome::Refused(reason) => report.refused.push(Refused { path, reason }),
+                Outcome::Duplicate => report.duplicates.push(path),
+            }
+        }
+        if used.is_empty() {
+            let reasons: Vec<String> =
+                report.refused.iter().map(|r| format!("{}: {}", r.path.display(), r.reason)).collect();
+            return Err(Error::new(Kind::Unusable, "clips", format!("none can be used ({})", reasons.join("; ")))
+                .remedy("film with a fixed camera; `enliven-db scan` tells what is wrong with each clip"));
+        }
+        used.sort_by_key(|(_, _, segment)| segment.meta.id);
+        Ok(used.into_iter().map(|(path, resumed, segment)| ((path, resumed), segment)).unzip())
+    }
+}
+
+/// One clip after the other: found finished, or analysed and kept.
+fn analyse_all(files: &[PathBuf], workshop: &Workshop, options: &Options, observer: &dyn Observer) -> Result<Outcomes> {
+    observe::stage(observer, "clips", files.len() as u64, || {
+        let mut seen: Vec<ClipId> = Vec::new();
+        let mut outcomes = Vec::new();
+        for path in files {
+            observe::check(observer)?;
+            let outcome = one_clip(path, &mut seen, workshop, options, observer)?;
+            if let Outcome::Refused(reason) = &outcome {
+                observer.note(&format!("{} is left out: {reason}", path.display()));
+            }
+            outcomes.push((path.clone(), outcome));
+            observer.advance("clips", 1);
+        }
+        Ok(Outcomes(outcomes))
+    })
+}
+
+fn one_clip(
+    path: &Path,
+    seen: &mut Vec<ClipId>,
+    workshop: &Workshop,
+    options: &Options,
+    observer: &dyn Observer,
+) -> Result<Outcome> {
+    let identified = inputs::identify(path).and_then(|id| {
+        let mask = inputs::mask_of(path);
+        let hash = mask.as_deref().map(inputs::hash_file).transpose()?;
+        Ok((id, mask, hash))
+    });
+    let (id, mask, mask_hash) = match identified {
+        Ok(found) => found,
+        Err(error) => return Ok(Outcome::Refused(reason(&error, path))),
+    };
+    if seen.contains(&id) {
+        observer.note(&format!("{} is the same clip as one before; it is used once", path.display()));
+        return Ok(Outcome::Duplicate);
+    }
+    seen.push(id);
+    let target = workshop.segment_path(id, mask_hash, &options.parameters());
+    if let Some(segment) = workshop.finished(&target, observer) {
+        return Ok(from_segment(segment, true));
+    }
+    match analyse_clip::run(path, id, mask.as_deref(), &target, options, observer) {
+        Ok(Analysed::Segment) => Ok(from_segment(Segment::open(&target)?, false)),
+        Ok(Analysed::Refused(reason)) => Ok(Outcome::Refused(reason)),
+        Err(error) if is_ours(&error, workshop) => Err(error),
+        Err(error) => Ok(Outcome::Refused(reason(&error, path))),
+    }
+}
+
+fn from_segment(segment: Segment, resumed: bool) -> Outcome {
+    match &segment.meta.refusal {
+        Some(reason) => Outcome::Refused(reason.clone()),
+        None => Outcome::Used { segment, resumed },
+    }
+}
+
+/// True for failures of the build itself, rather than of a clip.
+fn is_ours(error: &Error, workshop: &Workshop) -> bool {
+    matches!(error.kind(), Kind::Interrupted | Kind::Limit) || workshop.concerns(error)
+}
+
+/// An error about `path`, without the path.
+fn reason(error: &Error, path: &Path) -> String {
+    let text = error.to_string();
+    text.strip_prefix(&format!("{}: ", path.display())).map_or(text.clone(), str::to_owned)
+}
+
+/// Writes the pack whole or not at all; gives its length.
+fn write(output: &Path, tables: &Tables, segments: &[Segment], observer: &dyn Observer) -> Result<u64> {
+    let file = AtomicFile::create(output)?;
+    let mut total = 0;
+    for segment in segments {
+        total += segment.blobs()?.len() as u64;
+    }
+    let file = observe::stage(observer, "write", total, || {
+        let buffered = assemble(BufWriter::with_capacity(1 << 20, file), output, tables, segments, observer)?;
+        buffered.into_inner().map_err(|e| Error::io(output, "write", e.into_error()))
+    })?;
+    let bytes = file.file().metadata().map_err(|e| Error::io(output, "read", e))?.len();
+    observe::stage(observer, "sync", 1, || file.sync())?;
+    observe::check(observer)?;
+    observe::stage(observer, "rename", 1, || file.commit())?;
+    Ok(bytes)
+}
+
+impl BuildReport {
+    /// Fills in what is known once the pack is written.
+    fn complete(&mut self, sources: Sources, segments: &[Segment], tables: &Tables) {
+        for (((path, resumed), segment), clip) in sources.into_iter().zip(segments).zip(&tables.metadata.clips) {
+            self.accepted.push(Accepted {
+                path,
+                id: clip.id.to_string(),
+                width: clip.width,
+                height: clip.height,
+                frames: clip.frames,
+                pieces: clip.pieces(),
+                still: clip.counts.iter().map(|c| u64::from(c.still)).sum(),
+                notes: segment.meta.notes.clone(),
+                resumed,
+            });
+        }
+        self.pieces = tables.pieces.len() as u64;
+        self.words = tables.parameters.words;
+    }
+}
