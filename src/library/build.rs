@@ -181,9 +181,9 @@ fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> Result<T>) -> Result<T> {
     result
 }
 
-/// What became of each clip given.
+/// What became of each clip given; used ones may come from an interrupted build.
 enum Outcome {
-    Used { segment: Segment, resumed: bool },
+    Used(Box<Segment>, bool),
     Refused(String),
     Duplicate,
 }
@@ -200,7 +200,7 @@ impl Outcomes {
         let mut used = Vec::new();
         for (path, outcome) in self.0 {
             match outcome {
-                Outcome::Used { segment, resumed } => used.push((path, resumed, segment)),
+                Outcome::Used(segment, resumed) => used.push((path, resumed, *segment)),
                 Outcome::Refused(reason) => report.refused.push(Refused { path, reason }),
                 Outcome::Duplicate => report.duplicates.push(path),
             }
@@ -270,7 +270,7 @@ fn one_clip(
 fn from_segment(segment: Segment, resumed: bool) -> Outcome {
     match &segment.meta.refusal {
         Some(reason) => Outcome::Refused(reason.clone()),
-        None => Outcome::Used { segment, resumed },
+        None => Outcome::Used(Box::new(segment), resumed),
     }
 }
 

@@ -132,7 +132,7 @@ fn sample(segment: &Segment, cuts: &[Cut], threshold: u64) -> Result<Vec<u8>> {
                 let (i, j) = (x as usize / 4 + point % 9, y as usize / 4 + point / 9);
                 let flat = grid.is_flat(j * grid.width + i);
                 if !flat && rng::hash(piece, &[point as u64]) <= threshold {
-                    descriptors.extend(grid.at(i, j).as_array::<DIMENSIONS>());
+                    descriptors.extend(grid.at(i, j).as_chunks::<DIMENSIONS>().0);
                 }
             }
         }

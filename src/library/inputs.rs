@@ -8,9 +8,8 @@ use super::piece::ClipId;
 use crate::base::error::{Error, Kind, Result};
 
 /// Endings of files taken for clips when a folder is given; files named one by one may have any.
-const VIDEO: [&str; 16] = [
-    "mp4", "m4v", "mov", "avi", "webm", "mkv", "gif", "apng", "webp", "y4m", "mpg", "mpeg", "wmv", "flv", "ts", "ogv",
-];
+const VIDEO: [&str; 16] =
+    ["mp4", "m4v", "mov", "avi", "webm", "mkv", "gif", "apng", "webp", "y4m", "mpg", "mpeg", "wmv", "flv", "ts", "ogv"];
 /// Endings of frames.
 const PICTURE: [&str; 3] = ["png", "jpg", "jpeg"];
 /// What follows the name of a clip in the name of its mask.

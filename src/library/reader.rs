@@ -148,6 +148,11 @@ impl Pack {
         &self.store.header.parameters
     }
 
+    /// The sections, with their sizes.
+    pub fn sections(&self) -> &[Section] {
+        &self.store.header.sections
+    }
+
     /// The clips, ordered by content hash; a piece's `clip` is an index into them.
     pub fn clips(&self) -> &[ClipMeta] {
         &self.metadata.clips

@@ -168,7 +168,8 @@ mod tests {
         let folder = root.path().join("a.pack.build");
         fs::create_dir(&folder).unwrap();
         let stale = [root.path().join(".a.pack.123-4.part"), folder.join(".77aa.segment.9-0.part")];
-        let others = [root.path().join(".b.pack.123-4.part"), root.path().join(".a.pack.part"), folder.join("mine.txt")];
+        let others =
+            [root.path().join(".b.pack.123-4.part"), root.path().join(".a.pack.part"), folder.join("mine.txt")];
         stale.iter().chain(&others).for_each(|p| fs::write(p, "x").unwrap());
         let workshop = Workshop::open(&output).unwrap();
         let error = Workshop::open(&output).map(|_| ()).unwrap_err();
