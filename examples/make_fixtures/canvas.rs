@@ -1,7 +1,7 @@
 //! A linear-light picture that is drawn at twice its final size.
 
 use enliven::base::par;
-use enliven::raster::image::{Plane, Rgb8};
+use enliven::raster::image::Rgb8;
 
 use super::numeric::{exp, mix, pow, step};
 
@@ -24,11 +24,6 @@ pub fn dim(a: Light, k: f32) -> Light {
 /// Sum.
 pub fn add(a: Light, b: Light) -> Light {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
-}
-
-/// Product.
-pub fn tint(a: Light, b: Light) -> Light {
-    [a[0] * b[0], a[1] * b[1], a[2] * b[2]]
 }
 
 /// A picture in linear light; sizes in samples, positions in final pixels.
@@ -156,10 +151,4 @@ impl SrgbTable {
     fn encode(&self, value: f32) -> u8 {
         self.0[(value.clamp(0.0, 1.0) * 8192.0 + 0.5) as usize]
     }
-}
-
-/// A plane as a grey picture.
-pub fn grey(plane: &Plane) -> Rgb8 {
-    let data = plane.data.iter().flat_map(|&v| [(v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8; 3]).collect();
-    Rgb8 { width: plane.width, height: plane.height, data }
 }

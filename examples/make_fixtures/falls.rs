@@ -4,7 +4,7 @@ use enliven::base::rng;
 use enliven::raster::image::{Plane, Rgb8};
 
 use super::canvas::{Canvas, Light, SS, add, blend, dim};
-use super::land::{LIMESTONE, Relief, boulder, broken, leaves, tuft};
+use super::land::{GREEN, LIMESTONE, Relief, boulder, broken, leaves, tuft};
 use super::noise::{fbm2, fbm3, noise2, noise3, ridged2};
 use super::numeric::{mix, step};
 
@@ -43,6 +43,8 @@ pub struct Falls {
     pub pool: f32,
     /// Size of everything; 1 for the small clip.
     pub scale: f32,
+    /// The two colours of the leaves.
+    pub leaves: [Light; 2],
 }
 
 /// Speed at the lip, pixels per frame (times the scale).
@@ -114,7 +116,7 @@ impl<'a> FallsRenderer<'a> {
             (top.max(side * step(0.95 * scene.pool, 0.45 * scene.pool, y)) * (0.25 + 0.75 * fall)).clamp(0.0, 1.0)
         };
         let count = (w * h) as f32 * 0.34 / (k * k);
-        leaves(&mut back, u64::from(seed) + 1, count as usize, 2.2 * k, open);
+        leaves(&mut back, u64::from(seed) + 1, count as usize, 2.2 * k, scene.leaves, open);
         let (front, front_cover) = Self::foreground(scene);
         let envelopes = scene.tiers.iter().map(|tier| {
             let mut plane = Plane::zeros(w * SS, h * SS);
@@ -287,14 +289,14 @@ impl<'a> FallsRenderer<'a> {
         if cover <= 0.0 {
             return behind;
         }
-        let last = self.scene.tiers[self.scene.tiers.len() - 1];
         let depth = (y - self.scene.pool).max(0.0) / (self.scene.height as f32 - self.scene.pool);
         let near = 0.45 + 0.55 * depth;
         let drift = 0.55 * t;
         let (px, py) = ((x - 0.5 * self.scene.width as f32) / (k * near), (y - self.scene.pool) / (k * near * 0.42));
         let flow = |scale: f32, s: u32| noise3(seed ^ s, px / scale, (py - drift * 1.5) / scale, 0.05 * t);
         let ripple = 0.5 * flow(14.0, 1) + 0.35 * flow(6.0, 2) + 0.3 * flow(2.8, 3);
-        let out = ((last.left - x).max(x - last.right) / (60.0 * k)).max(0.0);
+        let off = |tier: &Tier| (tier.left - x).max(x - tier.right).max(0.0) + (self.scene.pool - tier.bottom).max(0.0);
+        let out = self.scene.tiers.iter().map(off).fold(f32::MAX, f32::min) / (60.0 * k);
         let white = step(0.95, 0.0, out + 1.15 * depth);
         let cells = ridged2(seed ^ 7, px / 16.0 + 0.3 * ripple, (py - drift * 1.5) / 16.0 + 0.02 * t, 3);
         let foam = step(0.55, 0.95, 0.75 * cells + 0.85 * white + 0.35 * ripple - 0.12);
@@ -305,13 +307,14 @@ impl<'a> FallsRenderer<'a> {
 
     fn mist(&self, behind: Light, x: f32, y: f32, t: f32) -> Light {
         let (k, seed) = (self.scene.scale, self.scene.seed ^ 0xaaaa);
+        let last = |tier: &Tier| tier.bottom > self.scene.pool;
         let mut thick: f32 = 0.0;
-        for (n, tier) in self.scene.tiers.iter().enumerate() {
+        for tier in &self.scene.tiers {
             let half = 0.5 * (tier.right - tier.left) * (1.0 + tier.flare);
             let off = ((x - 0.5 * (tier.left + tier.right)).abs() - half).max(0.0) / (22.0 * k);
-            let above = (tier.bottom - y) / ((if n + 1 == self.scene.tiers.len() { 34.0 } else { 12.0 }) * k);
+            let above = (tier.bottom - y) / ((if last(tier) { 34.0 } else { 12.0 }) * k);
             let shape = step(1.0, 0.0, off) * if above > 0.0 { step(1.0, 0.0, above) } else { step(-0.55, 0.0, above) };
-            let part = if n + 1 == self.scene.tiers.len() { 1.0 } else { 0.55 };
+            let part = if last(tier) { 1.0 } else { 0.55 };
             thick = thick.max(part * shape);
         }
         if thick <= 0.0 {
@@ -319,7 +322,7 @@ impl<'a> FallsRenderer<'a> {
         }
         let (px, py) = (x / k, (y + 0.45 * k * t) / k);
         let puffs = fbm3(seed, px / 24.0, py / 22.0, 0.035 * t, 4);
-        blend(behind, [0.80, 0.86, 0.90], (thick * (0.30 + 0.62 * puffs)).clamp(0.0, 0.75))
+        blend(behind, [0.80, 0.86, 0.90], (thick * (0.22 + 0.50 * puffs)).clamp(0.0, 0.7))
     }
 }
 
@@ -350,5 +353,34 @@ pub fn clip_scene() -> Falls {
         ],
         pool: 206.0,
         scale: 1.0,
+        leaves: GREEN,
+    }
+}
+
+/// The picture that is to be painted: wider, with other falls under autumn leaves.
+pub fn picture_scene() -> Falls {
+    Falls {
+        width: 960,
+        height: 640,
+        seed: 7,
+        tiers: vec![
+            Tier { left: 470.0, right: 640.0, lip: 92.0, slope: -0.05, bottom: 262.0, flare: 0.30, cover: 0.50 },
+            Tier { left: 392.0, right: 690.0, lip: 262.0, slope: 0.03, bottom: 520.0, flare: 0.18, cover: 0.40 },
+            Tier { left: 216.0, right: 300.0, lip: 205.0, slope: 0.08, bottom: 512.0, flare: 0.35, cover: 0.34 },
+        ],
+        boulders: vec![
+            (424.0, 284.0, 36.0, 34.0),
+            (664.0, 282.0, 44.0, 36.0),
+            (350.0, 512.0, 62.0, 46.0),
+            (560.0, 528.0, 44.0, 34.0),
+            (760.0, 520.0, 100.0, 70.0),
+            (150.0, 530.0, 96.0, 60.0),
+            (60.0, 620.0, 130.0, 64.0),
+            (900.0, 622.0, 150.0, 60.0),
+            (300.0, 570.0, 34.0, 18.0),
+        ],
+        pool: 505.0,
+        scale: 1.9,
+        leaves: [[0.36, 0.11, 0.015], [0.52, 0.34, 0.03]],
     }
 }

@@ -13,6 +13,8 @@ pub struct Fire {
     pub width: usize,
     /// Height of the picture.
     pub height: usize,
+    /// Pixels of the picture per pixel of the lengths below: 2 makes a picture twice as large of the same fire.
+    pub scale: f32,
     /// Changes every random detail.
     pub seed: u32,
     /// Left and right end of the bed of the fire.
@@ -40,7 +42,7 @@ pub struct Burning<'a> {
 impl<'a> Burning<'a> {
     /// Lights the fire and lets it burn for `frames` frames.
     pub fn lit(fire: &'a Fire, frames: usize) -> Self {
-        let (w, h) = ((fire.width as f32 * CELLS) as usize, (fire.height as f32 * CELLS) as usize);
+        let (w, h) = ((fire.width as f32 / fire.scale * CELLS) as usize, (fire.height as f32 / fire.scale * CELLS) as usize);
         let mut burning = Self { fire, sheets: (0..fire.sheets).map(|_| Gas::still(w, h)).collect(), time: 0.0 };
         for _ in 0..frames {
             burning.advance();
@@ -72,7 +74,7 @@ impl<'a> Burning<'a> {
 
     /// Draws the flames and sparks over `canvas`.
     pub fn draw(&self, canvas: &mut Canvas) {
-        canvas.paint(|x, y, old| add(old, self.glow(x, y)));
+        canvas.paint(|x, y, old| add(old, self.glow(x / self.fire.scale, y / self.fire.scale)));
         self.sparks(canvas);
     }
 
@@ -92,7 +94,9 @@ impl<'a> Burning<'a> {
                 (x + 16.0 * (r(4) - 0.5) * a / life, fire.ground - fire.reach * 0.1 - a * (2.0 + 2.2 * r(5)))
             };
             let bright = 2.2 * (1.0 - age / life);
-            canvas.streak(at(age - 0.7), at(age), 0.55, 0.9, dim([1.0, 0.45, 0.10], bright));
+            let k = fire.scale;
+            let (tail, head) = (at(age - 0.7), at(age));
+            canvas.streak((k * tail.0, k * tail.1), (k * head.0, k * head.1), 0.55 * k, 0.9, dim([1.0, 0.45, 0.10], bright));
         }
     }
 }
@@ -122,19 +126,20 @@ fn feed(fire: &Fire, gas: &mut Gas, sheet: u32, time: f32, dt: f32) {
     let seed = fire.seed ^ (sheet * 0x9e37);
     let span = fire.bed.1 - fire.bed.0;
     for row in 0..gas.height {
-        let y = (row as f32 + 0.5) / CELLS;
-        if y < fire.ground - 16.0 || y > fire.ground + 3.0 {
+        let level = (row as f32 + 0.5) / CELLS;
+        if level < fire.ground - 20.0 || level > fire.ground + 5.0 {
             continue;
         }
         for column in 0..gas.width {
             let x = (column as f32 + 0.5) / CELLS;
+            let y = level + 4.0 * noise2(fire.seed ^ 3, x / 13.0, 0.5);
             let place = (x - fire.bed.0) / span;
             let middle = (4.0 * place * (1.0 - place)).max(0.0);
             let tongue = fbm2(seed, x / 27.0, time / 30.0, 2) + 0.45 * noise2(seed ^ 1, x / 10.0, time / 9.0);
             let pulse = 0.25 * noise2(seed ^ 2, 0.3, time / 11.0);
             let high = 10.0 * middle.sqrt() * (0.35 + tongue);
             let here = step(0.0, 0.25, -0.06 + tongue + pulse + 0.35 * (middle - 0.6)) * step(0.0, 0.2, middle);
-            let feed = here * step(fire.ground - high - 5.0, fire.ground - high + 2.0, y);
+            let feed = here * step(fire.ground - high - 5.0, fire.ground - high + 2.0, y) * step(fire.ground + 2.0, fire.ground, y);
             let i = row * gas.width + column;
             let rate = (0.9 * dt).min(1.0) * feed;
             gas.heat[i] = mix(gas.heat[i], 1.0, rate);
@@ -189,5 +194,5 @@ pub fn hearth(fire: &Fire) -> Canvas {
 
 /// The clip of the library.
 pub fn clip_scene() -> Fire {
-    Fire { width: 320, height: 240, seed: 5, bed: (66.0, 254.0), ground: 222.0, reach: 150.0, sheets: 3 }
+    Fire { width: 320, height: 240, scale: 1.0, seed: 5, bed: (66.0, 254.0), ground: 222.0, reach: 150.0, sheets: 3 }
 }

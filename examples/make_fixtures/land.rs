@@ -25,6 +25,9 @@ pub struct Stone {
 pub const LIMESTONE: Stone =
     Stone { pale: [0.34, 0.31, 0.26], dark: [0.10, 0.085, 0.07], moss: [0.085, 0.14, 0.02], mossy: 0.75 };
 
+/// Summer leaves.
+pub const GREEN: [Light; 2] = [[0.10, 0.25, 0.02], [0.30, 0.36, 0.05]];
+
 /// Height in pixels of broken rock at (x, y), with blocks of about `block` pixels.
 pub fn broken(seed: u32, x: f32, y: f32, block: f32) -> f32 {
     let warp = |s: u32, x: f32, y: f32| 0.55 * block * fbm2(seed ^ s, x / (1.4 * block), y / (1.4 * block), 4);
@@ -133,7 +136,14 @@ fn blur(plane: &Plane, sigma: f32) -> Plane {
 }
 
 /// A mass of leaves: `count` leaves where `density(x, y)` allows, the back ones dark, the front ones lit.
-pub fn leaves(canvas: &mut Canvas, seed: u64, count: usize, size: f32, density: impl Fn(f32, f32) -> f32) {
+pub fn leaves(
+    canvas: &mut Canvas,
+    seed: u64,
+    count: usize,
+    size: f32,
+    colours: [Light; 2],
+    density: impl Fn(f32, f32) -> f32,
+) {
     let (w, h) = (canvas.width as f32 / SS as f32, canvas.height as f32 / SS as f32);
     let width = canvas.width;
     for (i, sample) in canvas.data.iter_mut().enumerate() {
@@ -152,10 +162,10 @@ pub fn leaves(canvas: &mut Canvas, seed: u64, count: usize, size: f32, density: 
         }
         let depth = i as f32 / count as f32;
         let lit = depth * depth * (0.10 + 1.25 * clump.max(0.0)) * (0.35 + 0.9 * r(3));
-        let angle = 6.283 * r(4);
+        let angle = std::f32::consts::TAU * r(4);
         let colour = blend(
             [0.006, 0.014, 0.004],
-            blend([0.10, 0.25, 0.02], [0.30, 0.36, 0.05], r(5)),
+            blend(colours[0], colours[1], r(5)),
             (0.06 + 0.95 * lit).min(1.2),
         );
         let length = size * (0.6 + 0.8 * r(6));
