@@ -10,20 +10,12 @@ use super::noise::{fbm2, noise2};
 use super::numeric::{cos, exp, mix, sin, step};
 
 /// Grey stones that firelight reaches.
-const HEARTHSTONE: Stone = Stone { pale: [0.30, 0.26, 0.22], dark: [0.10, 0.09, 0.08], moss: [0.08, 0.09, 0.03], mossy: 0.2 };
+const HEARTHSTONE: Stone =
+    Stone { pale: [0.30, 0.26, 0.22], dark: [0.10, 0.09, 0.08], moss: [0.08, 0.09, 0.03], mossy: 0.2 };
 
 /// The fire of the picture; lengths within it are halves of the picture's pixels.
 pub fn fire() -> Fire {
-    Fire {
-        width: 768,
-        height: 576,
-        scale: 2.0,
-        seed: 12,
-        bed: (124.0, 260.0),
-        ground: 226.0,
-        reach: 150.0,
-        sheets: 3,
-    }
+    Fire { width: 768, height: 576, scale: 2.0, seed: 12, bed: (124.0, 260.0), ground: 226.0, reach: 150.0, sheets: 3 }
 }
 
 /// The place without flames, lit by them.
@@ -39,8 +31,19 @@ pub fn place(fire: &Fire) -> Canvas {
         blend(sky, add([0.0035, 0.005, 0.004], dim([0.10, 0.055, 0.018], glow * (0.4 + 0.5 * leaf))), leaf)
     });
     trunks(&mut canvas, fire, hearth);
-    let ground = Relief::new(fire.width, fire.height, fire.seed ^ 5, |x, y| 3.0 * broken(fire.seed, x, 2.4 * y, 22.0), |_, _| 0.0);
-    let soil = ground.shade(Stone { pale: [0.24, 0.18, 0.12], dark: [0.08, 0.06, 0.04], moss: [0.07, 0.08, 0.02], mossy: 0.3 });
+    let ground = Relief::new(
+        fire.width,
+        fire.height,
+        fire.seed ^ 5,
+        |x, y| 3.0 * broken(fire.seed, x, 2.4 * y, 22.0),
+        |_, _| 0.0,
+    );
+    let soil = ground.shade(Stone {
+        pale: [0.24, 0.18, 0.12],
+        dark: [0.08, 0.06, 0.04],
+        moss: [0.07, 0.08, 0.02],
+        mossy: 0.3,
+    });
     let width = canvas.width;
     canvas.paint(|x, y, old| {
         let edge = step(-1.5, 1.5, y - horizon - 7.0 * fbm2(fire.seed ^ 2, x / 60.0, 0.5, 4) - 16.0);
@@ -68,14 +71,17 @@ fn trunks(canvas: &mut Canvas, fire: &Fire, hearth: (f32, f32)) {
         let lean = 0.10 * (r(2) - 0.5);
         let foot = h * (0.60 + 0.05 * r(3));
         canvas.paint(|x, y, old| {
-            let off = (x - x0 - lean * (foot - y) - 2.5 * noise2(i as u32, 0.3, y / 40.0)) / (half * (1.0 + 0.4 * step(60.0, 0.0, foot - y)));
+            let off = (x - x0 - lean * (foot - y) - 2.5 * noise2(i as u32, 0.3, y / 40.0))
+                / (half * (1.0 + 0.4 * step(60.0, 0.0, foot - y)));
             let cover = step(1.0, 0.9, off.abs()) * step(foot + 2.0, foot - 2.0, y);
             if cover <= 0.0 {
                 return old;
             }
             let bark = 0.55 + 0.5 * fbm2(i as u32 + 7, x / 2.5, y / 14.0, 3);
             let side = (hearth.0 - x0).signum() * off;
-            let lit = step(-0.3, 1.0, side) * exp(-((x0 - hearth.0) / 330.0).powi(2)) * exp(-((y - hearth.1) / 250.0).powi(2));
+            let lit = step(-0.3, 1.0, side)
+                * exp(-((x0 - hearth.0) / 330.0).powi(2))
+                * exp(-((y - hearth.1) / 250.0).powi(2));
             blend(old, dim([0.16, 0.075, 0.026], bark * (0.75 * lit + 0.015)), cover)
         });
     }
@@ -145,7 +151,8 @@ fn logs(canvas: &mut Canvas, fire: &Fire, hearth: (f32, f32)) {
                 return old;
             }
             let bark = 0.5 + 0.6 * fbm2(seed ^ 1, a * half / 16.0, b * 3.2, 4);
-            let coal = step(0.22, 0.75, fbm2(seed ^ 2, a * half / 13.0, b * 1.6, 4) + 0.22 * (1.0 - a.abs()) - 0.12 * b);
+            let coal =
+                step(0.22, 0.75, fbm2(seed ^ 2, a * half / 13.0, b * 1.6, 4) + 0.22 * (1.0 - a.abs()) - 0.12 * b);
             let round = (1.0 - 0.8 * b * b).max(0.0) * (0.75 - 0.35 * b);
             let char = dim([0.075, 0.036, 0.016], bark * round * 1.5);
             let ember = dim([1.0, 0.20, 0.025], 0.9 * coal * (0.5 + 0.5 * bark) * (1.0 - 0.5 * a.abs()));

@@ -110,7 +110,8 @@ impl<'a> FallsRenderer<'a> {
         let mut back = cliff.shade(LIMESTONE);
         let open = |x: f32, y: f32| {
             let first = &scene.tiers[0];
-            let top = step(first.lip + 6.0 * k, first.lip - 34.0 * k, y + 10.0 * k * noise2(seed ^ 61, x / (30.0 * k), 0.0));
+            let top =
+                step(first.lip + 6.0 * k, first.lip - 34.0 * k, y + 10.0 * k * noise2(seed ^ 61, x / (30.0 * k), 0.0));
             let side = ((x - 0.5 * w as f32).abs() / (0.5 * w as f32) - 0.58) / 0.35;
             let fall = step(0.0, 24.0 * k, (first.left - x).max(x - first.right));
             (top.max(side * step(0.95 * scene.pool, 0.45 * scene.pool, y)) * (0.25 + 0.75 * fall)).clamp(0.0, 1.0)

@@ -42,7 +42,8 @@ pub struct Burning<'a> {
 impl<'a> Burning<'a> {
     /// Lights the fire and lets it burn for `frames` frames.
     pub fn lit(fire: &'a Fire, frames: usize) -> Self {
-        let (w, h) = ((fire.width as f32 / fire.scale * CELLS) as usize, (fire.height as f32 / fire.scale * CELLS) as usize);
+        let (w, h) =
+            ((fire.width as f32 / fire.scale * CELLS) as usize, (fire.height as f32 / fire.scale * CELLS) as usize);
         let mut burning = Self { fire, sheets: (0..fire.sheets).map(|_| Gas::still(w, h)).collect(), time: 0.0 };
         for _ in 0..frames {
             burning.advance();
@@ -96,7 +97,13 @@ impl<'a> Burning<'a> {
             let bright = 2.2 * (1.0 - age / life);
             let k = fire.scale;
             let (tail, head) = (at(age - 0.7), at(age));
-            canvas.streak((k * tail.0, k * tail.1), (k * head.0, k * head.1), 0.55 * k, 0.9, dim([1.0, 0.45, 0.10], bright));
+            canvas.streak(
+                (k * tail.0, k * tail.1),
+                (k * head.0, k * head.1),
+                0.55 * k,
+                0.9,
+                dim([1.0, 0.45, 0.10], bright),
+            );
         }
     }
 }
@@ -139,7 +146,9 @@ fn feed(fire: &Fire, gas: &mut Gas, sheet: u32, time: f32, dt: f32) {
             let pulse = 0.25 * noise2(seed ^ 2, 0.3, time / 11.0);
             let high = 10.0 * middle.sqrt() * (0.35 + tongue);
             let here = step(0.0, 0.25, -0.06 + tongue + pulse + 0.35 * (middle - 0.6)) * step(0.0, 0.2, middle);
-            let feed = here * step(fire.ground - high - 5.0, fire.ground - high + 2.0, y) * step(fire.ground + 2.0, fire.ground, y);
+            let feed = here
+                * step(fire.ground - high - 5.0, fire.ground - high + 2.0, y)
+                * step(fire.ground + 2.0, fire.ground, y);
             let i = row * gas.width + column;
             let rate = (0.9 * dt).min(1.0) * feed;
             gas.heat[i] = mix(gas.heat[i], 1.0, rate);
@@ -186,7 +195,9 @@ pub fn hearth(fire: &Fire) -> Canvas {
         let soil = 0.5 + 0.5 * fbm2(fire.seed ^ 8, x / 6.0, y / 2.2, 4);
         let d2 = ((x - centre) / (1.5 * half)).powi(2) + ((y - fire.ground) / (0.8 * half)).powi(2);
         let lit = if below > 0.0 { 0.16 * soil * soil * exp(-1.6 * d2) } else { 0.0 };
-        let coal = step(0.1, 0.5, fbm2(fire.seed ^ 5, x / 5.0, y / 3.0, 3)) * step(1.0, 0.6, d2 * 3.2) * step(-2.0, 3.0, below);
+        let coal = step(0.1, 0.5, fbm2(fire.seed ^ 5, x / 5.0, y / 3.0, 3))
+            * step(1.0, 0.6, d2 * 3.2)
+            * step(-2.0, 3.0, below);
         add([0.0022, 0.002, 0.0026], add(dim([1.0, 0.42, 0.14], lit), dim([1.0, 0.16, 0.02], 0.55 * coal)))
     });
     canvas

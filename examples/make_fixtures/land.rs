@@ -110,7 +110,8 @@ impl Relief {
                 let up = step(0.05, 0.75, -ny * norm);
                 let wet = self.wet.data[i];
                 let albedo = dim(self.albedo(stone, x, y, up), mix(1.0, 0.33, wet));
-                let light = add(dim([0.62, 0.74, 0.9], 0.55 * sky), dim([1.15, 1.05, 0.9], 1.25 * sun * mix(0.35, 1.0, sky)));
+                let light =
+                    add(dim([0.62, 0.74, 0.9], 0.55 * sky), dim([1.15, 1.05, 0.9], 1.25 * sun * mix(0.35, 1.0, sky)));
                 let gloss = wet * 0.35 * pow(half, 24.0) * sky;
                 *sample = add(
                     [albedo[0] * light[0], albedo[1] * light[1], albedo[2] * light[2]],
@@ -163,11 +164,7 @@ pub fn leaves(
         let depth = i as f32 / count as f32;
         let lit = depth * depth * (0.10 + 1.25 * clump.max(0.0)) * (0.35 + 0.9 * r(3));
         let angle = std::f32::consts::TAU * r(4);
-        let colour = blend(
-            [0.006, 0.014, 0.004],
-            blend(colours[0], colours[1], r(5)),
-            (0.06 + 0.95 * lit).min(1.2),
-        );
+        let colour = blend([0.006, 0.014, 0.004], blend(colours[0], colours[1], r(5)), (0.06 + 0.95 * lit).min(1.2));
         let length = size * (0.6 + 0.8 * r(6));
         canvas.ellipse((x, y), (length, length * (0.3 + 0.25 * r(7))), (cos(angle), sin(angle)), 0.95, |u, v| {
             dim(colour, 0.8 + 0.25 * u - 0.35 * v.abs())
@@ -187,9 +184,13 @@ pub fn tuft(canvas: &mut Canvas, seed: u64, root: (f32, f32), length: f32, blade
             let s = k as f32 / 13.0;
             let x = base + lean * reach * s * s;
             let y = root.1 - reach * (s - 0.55 * lean.abs() * s * s);
-            canvas.ellipse((x, y), (0.08 * reach + 0.3, mix(1.1, 0.35, s)), (lean * s, -1.0 + 0.8 * lean.abs() * s), 0.9, |_, v| {
-                dim(colour, 1.0 - 0.4 * v)
-            });
+            canvas.ellipse(
+                (x, y),
+                (0.08 * reach + 0.3, mix(1.1, 0.35, s)),
+                (lean * s, -1.0 + 0.8 * lean.abs() * s),
+                0.9,
+                |_, v| dim(colour, 1.0 - 0.4 * v),
+            );
         }
     }
 }

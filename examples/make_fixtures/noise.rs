@@ -62,9 +62,8 @@ pub fn noise3(seed: u32, x: f32, y: f32, z: f32) -> f32 {
         gradient3(hash(seed, ix + dx, iy + dy, iz + dz), x - dx as f32, y - dy as f32, z - dz as f32)
     };
     let (u, v) = (fade(x), fade(y));
-    let layer = |dz: i32| {
-        mix(mix(corner(0, 0, dz), corner(1, 0, dz), u), mix(corner(0, 1, dz), corner(1, 1, dz), u), v)
-    };
+    let layer =
+        |dz: i32| mix(mix(corner(0, 0, dz), corner(1, 0, dz), u), mix(corner(0, 1, dz), corner(1, 1, dz), u), v);
     mix(layer(0), layer(1), fade(z))
 }
 

@@ -86,7 +86,8 @@ impl<'a> RiverRenderer<'a> {
             wet,
         );
         let mut land = relief.shade(LIMESTONE);
-        let green = |x: f32, y: f32| step(scene.bank - 4.0, scene.bank - 22.0, y + 9.0 * noise2(seed ^ 8, x / 24.0, 0.0));
+        let green =
+            |x: f32, y: f32| step(scene.bank - 4.0, scene.bank - 22.0, y + 9.0 * noise2(seed ^ 8, x / 24.0, 0.0));
         leaves(&mut land, u64::from(seed), w * h / 3, 2.0, GREEN, green);
         for i in 0..18 {
             let x = w as f32 * (i as f32 + 0.5) / 18.0 + 9.0 * noise2(seed ^ 15, i as f32 * 0.7, 0.3);
@@ -153,7 +154,8 @@ impl<'a> RiverRenderer<'a> {
             + 0.85 * noise3(seed ^ 2, px / 5.2, py / 6.0, t / 16.0)
             + 0.30 * noise2(seed ^ 3, px / 2.6, py / 3.0);
         let (qx, qy) = (px + 3.0 * wave, py + 2.0 * wave);
-        let foam = 1.1 * (ridged2(seed ^ 5, qx / 17.0, qy / 15.0, 4) - 0.62) + 0.30 * fbm2(seed ^ 6, px / 9.0, py / 9.0, 3);
+        let foam =
+            1.1 * (ridged2(seed ^ 5, qx / 17.0, qy / 15.0, 4) - 0.62) + 0.30 * fbm2(seed ^ 6, px / 9.0, py / 9.0, 3);
         [wave, foam]
     }
 
@@ -229,10 +231,7 @@ fn foamy(scene: &River) -> Plane {
 
 fn origins(scene: &River) -> Vec<(Plane, Plane)> {
     let (w, h) = (scene.width, scene.height);
-    let mut all = vec![(
-        Plane::from_fn(w, h, |x, _| x as f32 + 0.5),
-        Plane::from_fn(w, h, |_, y| y as f32 + 0.5),
-    )];
+    let mut all = vec![(Plane::from_fn(w, h, |x, _| x as f32 + 0.5), Plane::from_fn(w, h, |_, y| y as f32 + 0.5))];
     for _ in 0..LIFE {
         let (px, py) = &all[all.len() - 1];
         let (mut nx, mut ny) = (px.clone(), py.clone());
