@@ -80,7 +80,7 @@ impl Tier {
         let (u, _) = self.trace(scale, seed, x, y);
         let wander = scale * (7.0 * fbm2(seed ^ 41, x / (20.0 * scale), y / (44.0 * scale), 3));
         let inside = (u + wander - self.left).min(self.right - u - wander) / (9.0 * scale);
-        let below = step(-1.0 * scale, 3.0 * scale, y - lip);
+        let below = step(-scale, 3.0 * scale, y - lip);
         step(0.0, 1.0, inside) * below * step(1.12, 0.98, depth)
     }
 }
@@ -365,7 +365,7 @@ pub fn picture_scene() -> Falls {
         height: 640,
         seed: 7,
         tiers: vec![
-            Tier { left: 470.0, right: 640.0, lip: 92.0, slope: -0.05, bottom: 262.0, flare: 0.30, cover: 0.50 },
+            Tier { left: 470.0, right: 640.0, lip: 92.0, slope: -0.05, bottom: 278.0, flare: 0.30, cover: 0.50 },
             Tier { left: 392.0, right: 690.0, lip: 262.0, slope: 0.03, bottom: 520.0, flare: 0.18, cover: 0.40 },
             Tier { left: 216.0, right: 300.0, lip: 205.0, slope: 0.08, bottom: 512.0, flare: 0.35, cover: 0.34 },
         ],

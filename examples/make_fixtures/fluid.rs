@@ -78,6 +78,13 @@ impl Gas {
         (four.into_iter().fold(f32::MAX, f32::min), four.into_iter().fold(f32::MIN, f32::max))
     }
 
+    /// `f(cell)` for every cell that has all four neighbours, 0 at the border.
+    fn inside(&self, f: impl Fn(usize) -> f32) -> Vec<f32> {
+        let (w, h) = (self.width, self.height);
+        let border = |i: usize| i.is_multiple_of(w) || i % w == w - 1 || i < w || i / w == h - 1;
+        (0..w * h).map(|i| if border(i) { 0.0 } else { f(i) }).collect()
+    }
+
     /// Hot gas rises: `lift` cells per frame² at heat 1, less `weight` at soot 1.
     pub fn rise(&mut self, lift: f32, weight: f32, dt: f32) {
         for ((v, heat), soot) in self.v.iter_mut().zip(&self.heat).zip(&self.soot) {
@@ -88,12 +95,8 @@ impl Gas {
     /// Gives small vortices back what the grid took from them.
     pub fn confine(&mut self, strength: f32, dt: f32) {
         let (w, h) = (self.width, self.height);
-        let mut curl = vec![0.0f32; w * h];
-        for y in 1..h - 1 {
-            for i in y * w + 1..y * w + w - 1 {
-                curl[i] = 0.5 * (self.v[i + 1] - self.v[i - 1] - self.u[i + w] + self.u[i - w]);
-            }
-        }
+        let (u, v) = (&self.u, &self.v);
+        let curl = self.inside(|i| 0.5 * (v[i + 1] - v[i - 1] - u[i + w] + u[i - w]));
         for y in 2..h - 2 {
             for i in y * w + 2..y * w + w - 2 {
                 let gx = curl[i + 1].abs() - curl[i - 1].abs();
@@ -108,12 +111,8 @@ impl Gas {
     /// Makes the velocity free of divergence; open at the top and the sides, a floor at the bottom.
     pub fn project(&mut self, sweeps: usize) {
         let (w, h) = (self.width, self.height);
-        let mut divergence = vec![0.0; w * h];
-        for y in 1..h - 1 {
-            for i in y * w + 1..y * w + w - 1 {
-                divergence[i] = 0.5 * (self.u[i + 1] - self.u[i - 1] + self.v[i + w] - self.v[i - w]);
-            }
-        }
+        let (u, v) = (&self.u, &self.v);
+        let divergence = self.inside(|i| 0.5 * (u[i + 1] - u[i - 1] + v[i + w] - v[i - w]));
         let p = &mut self.pressure;
         for sweep in 0..2 * sweeps {
             for y in 1..h - 1 {

@@ -1,6 +1,6 @@
 //! Elementary functions from additions and multiplications only, so that every machine makes the same pictures.
 
-use std::f32::consts::{LN_2, LOG2_E, PI};
+use std::f32::consts::{LN_2, LOG2_E, PI, SQRT_2};
 
 /// `e^x`, to about six digits.
 pub fn exp(x: f32) -> f32 {
@@ -16,7 +16,7 @@ pub fn ln(x: f32) -> f32 {
     let bits = x.max(1e-30).to_bits();
     let exponent = (bits >> 23) as i32 - 127;
     let mantissa = f32::from_bits((bits & 0x007f_ffff) | 0x3f80_0000);
-    let z = (mantissa - 1.414_213_5) / (mantissa + 1.414_213_5);
+    let z = (mantissa - SQRT_2) / (mantissa + SQRT_2);
     let z2 = z * z;
     let series = 2.0 * z * (1.0 + z2 * (1.0 / 3.0 + z2 * (0.2 + z2 * (1.0 / 7.0 + z2 / 9.0))));
     series + (exponent as f32 + 0.5) * LN_2
