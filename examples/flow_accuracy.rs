@@ -36,6 +36,7 @@ fn main() -> Result<()> {
             println!("{preset} {name} resized to 640 x 360: {:.1} ms", 1000.0 * seconds);
         }
     }
+    println!("inner iteration at 640 x 360: {:.2} ns per pixel", 1e9 * iteration_seconds());
     Ok(())
 }
 
@@ -64,6 +65,17 @@ fn timed(params: Params, from: &Plane, to: &Plane) -> (Field, f64) {
     };
     let best = (0..RUNS).map(|_| run()).fold(f64::INFINITY, f64::min);
     (flow, best)
+}
+
+/// CPU seconds per pixel and inner iteration: one level, one warp, many iterations less few.
+fn iteration_seconds() -> f64 {
+    let wave = |x: usize, y: usize| ((x * 7 + y * 13) % 29) as f32 / 29.0;
+    let (from, to) = (Plane::from_fn(640, 360, wave), Plane::from_fn(640, 360, |x, y| wave(x + 1, y)));
+    let seconds = |iterations: usize| {
+        let params = Params { iterations, warps: 1, min_side: usize::MAX, ..Params::library() };
+        timed(params, &from, &to).1
+    };
+    (seconds(210) - seconds(10)) / (200 * 640 * 360) as f64
 }
 
 /// Average end-point error over the pixels whose true motion is known.

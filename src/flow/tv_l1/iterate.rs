@@ -1,4 +1,7 @@
 //! The inner iterations of TV-L1: thresholding, primal and dual step fused, several iterations per pass over memory.
+//!
+//! The row kernels are compiled for several instruction sets. The bits do not depend on the choice: every value comes
+//! from the same operations in the same order, multiply-adds are explicit, and nothing is estimated by hardware.
 
 use multiversion::multiversion;
 
@@ -117,9 +120,6 @@ impl State {
     }
 }
 
-/// The instruction sets that the row kernels are compiled for. The bits do not depend on the choice: every value comes
-/// from the same operations in the same order, and multiply-adds are explicit.
-///
 /// `block` iterations in one pass over the rows (a wavefront: iteration k works one row behind iteration k − 1).
 fn pass(state: &mut State, block: usize, weights: Weights) {
     let height = state.height;
@@ -213,4 +213,86 @@ fn inverse_sqrt(x: f32) -> f32 {
     let half = 0.5 * x;
     let guess = guess * (-half * guess).mul_add(guess, 1.5);
     guess * (-half * guess).mul_add(guess, 1.5)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng;
+
+    fn random_state(width: usize, height: usize) -> State {
+        let mut state = State::default();
+        state.resize(width, height);
+        for y in 0..height {
+            let random = |c: u64, x: usize| rng::unit(rng::hash(5, &[c, x as u64, y as u64])) - 0.5;
+            let [u, v, _, _, _, _, ix, iy, residual, inverse] = state.row_mut(y);
+            for x in 0..width {
+                (u[x], v[x], residual[x]) = (4.0 * random(0, x), 4.0 * random(1, x), 0.3 * random(2, x));
+                (ix[x], iy[x]) = if x % 5 == 3 { (0.0, 0.0) } else { (random(3, x), random(4, x)) };
+                inverse[x] = 1.0 / (ix[x] * ix[x] + iy[x] * iy[x]).max(1e-9);
+            }
+        }
+        state
+    }
+
+    /// The same iteration as Zach et al. print it: one step after the other over the whole picture, pixel by pixel,
+    /// compiled for the plain instruction set.
+    fn naive(state: &State, iterations: usize, weights: Weights) -> Vec<Vec<f32>> {
+        let (w, h) = (state.width, state.height);
+        let mut c: Vec<Vec<f32>> = vec![Vec::new(); CHANNELS];
+        (0..h).for_each(|y| state.all_rows(y).zip(&mut c).for_each(|(row, channel)| channel.extend_from_slice(row)));
+        for _ in 0..iterations {
+            for (y, x) in (0..h).flat_map(|y| (0..w).map(move |x| (y, x))) {
+                let i = y * w + x;
+                let [ix, iy, residual, inverse] = [c[6][i], c[7][i], c[8][i], c[9][i]];
+                let rho = ix.mul_add(c[0][i], iy.mul_add(c[1][i], residual));
+                let t = (-rho * inverse).clamp(-weights.reach, weights.reach);
+                for k in 0..2 {
+                    let (px, py) = (&c[2 + 2 * k], &c[3 + 2 * k]);
+                    let left = if x > 0 { px[i - 1] } else { 0.0 };
+                    let above = if y > 0 { py[i - w] } else { 0.0 };
+                    let divergence = (px[i] - left) + (py[i] - above);
+                    c[k][i] = weights.theta.mul_add(divergence, t.mul_add([ix, iy][k], c[k][i]));
+                }
+            }
+            for (y, x) in (0..h).flat_map(|y| (0..w).map(move |x| (y, x))) {
+                let i = y * w + x;
+                for k in 0..2 {
+                    let right = if x + 1 < w { c[k][i + 1] - c[k][i] } else { 0.0 };
+                    let down = if y + 1 < h { c[k][i + w] - c[k][i] } else { 0.0 };
+                    let px = weights.dual_step.mul_add(right, c[2 + 2 * k][i]);
+                    let py = weights.dual_step.mul_add(down, c[3 + 2 * k][i]);
+                    let scale = inverse_sqrt(px.mul_add(px, py * py).max(1.0));
+                    (c[2 + 2 * k][i], c[3 + 2 * k][i]) = (px * scale, py * scale);
+                }
+            }
+        }
+        c
+    }
+
+    #[test]
+    fn fused_iterations_equal_separate_ones_bit_for_bit() {
+        let weights = Weights { reach: 6.0, theta: 0.3, dual_step: 0.8 };
+        let sizes = [(1, 1), (3, 2), (17, 5), (5, 17), (16, 16), (33, 40), (1, 9), (9, 1), (700, 3)];
+        for ((width, height), iterations) in sizes.into_iter().flat_map(|s| [1, 2, 7, 45].map(|i| (s, i))) {
+            let mut state = random_state(width, height);
+            let expected = naive(&state, iterations, weights);
+            state.iterate(iterations, weights);
+            for (y, (channel, expected)) in (0..height).flat_map(|y| expected.iter().enumerate().map(move |e| (y, e))) {
+                let row = state.all_rows(y).nth(channel).unwrap();
+                let expected = &expected[y * width..(y + 1) * width];
+                let same = row.iter().zip(expected).all(|(a, b)| a.to_bits() == b.to_bits());
+                assert!(same, "{width}x{height}, {iterations} iterations, channel {channel}, row {y}");
+            }
+        }
+    }
+
+    #[test]
+    fn inverse_square_root_is_close() {
+        for i in 0..100_000 {
+            let x = 1.0 + i as f32 * 0.01;
+            let error = (f64::from(inverse_sqrt(x)) * f64::from(x).sqrt() - 1.0).abs();
+            assert!(error < 5e-6, "{error} at {x}");
+        }
+    }
 }

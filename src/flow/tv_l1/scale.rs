@@ -74,26 +74,45 @@ pub(super) fn resize(image: &[f32], x: &Axis, y: &Axis, rows: &mut Vec<f32>, out
     }
 }
 
-/// Fills `fine` with the motion and dual variables of `coarse`, bilinear; motion vectors are scaled with the size.
-pub(super) fn refine(coarse: &State, fine: &mut State) {
-    let (sx, sy) = (coarse.width as f32 / fine.width as f32, coarse.height as f32 / fine.height as f32);
-    let gains = [1.0 / sx, 1.0 / sy, 1.0, 1.0, 1.0, 1.0];
-    let place = |o: usize, scale: f32, size: usize| {
-        let at = ((o as f32 + 0.5) * scale - 0.5).max(0.0);
-        let low = (at as usize).min(size - 1);
-        (low, (low + 1).min(size - 1), at - low as f32)
-    };
-    for y in 0..fine.height {
-        let (top, bottom, ay) = place(y, sy, coarse.height);
-        let rows = coarse.all_rows(top).zip(coarse.all_rows(bottom));
-        for ((out, (top, bottom)), gain) in fine.row_mut(y).into_iter().zip(rows).zip(gains) {
-            for (x, out) in out.iter_mut().enumerate() {
-                let (left, right, ax) = place(x, sx, coarse.width);
-                let upper = top[left] + ax * (top[right] - top[left]);
-                let lower = bottom[left] + ax * (bottom[right] - bottom[left]);
-                *out = gain * (upper + ay * (lower - upper));
+/// Bilinear interpolation of motion and dual variables from one level to the next finer one.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Refine {
+    /// Left neighbour of every column, and the share of the right one.
+    columns: Vec<(u32, f32)>,
+    /// One row interpolated over y, its last value repeated.
+    row: Vec<f32>,
+}
+
+impl Refine {
+    /// Fills `fine` with the motion and dual variables of `coarse`; motion vectors are scaled with the size.
+    pub fn apply(&mut self, coarse: &State, fine: &mut State) {
+        let (sx, sy) = (coarse.width as f32 / fine.width as f32, coarse.height as f32 / fine.height as f32);
+        self.columns.clear();
+        self.columns.extend((0..fine.width).map(|x| place(x, sx, coarse.width)));
+        self.row.resize(coarse.width + 1, 0.0);
+        let gains = [1.0 / sx, 1.0 / sy, 1.0, 1.0, 1.0, 1.0];
+        for y in 0..fine.height {
+            let (top, share) = place(y, sy, coarse.height);
+            let (top, bottom) = (top as usize, (top as usize + 1).min(coarse.height - 1));
+            let rows = coarse.all_rows(top).zip(coarse.all_rows(bottom));
+            for ((out, (top, bottom)), gain) in fine.row_mut(y).into_iter().zip(rows).zip(gains) {
+                for ((r, t), b) in self.row.iter_mut().zip(top).zip(bottom) {
+                    *r = gain * (t + share * (b - t));
+                }
+                self.row[coarse.width] = self.row[coarse.width - 1];
+                for (out, &(left, share)) in out.iter_mut().zip(&self.columns) {
+                    let pair = &self.row[left as usize..left as usize + 2];
+                    *out = pair[0] + share * (pair[1] - pair[0]);
+                }
             }
         }
+        fine.close_borders();
     }
-    fine.close_borders();
+}
+
+/// Sample below output `o` among `size` samples, and the share of the next one.
+fn place(o: usize, scale: f32, size: usize) -> (u32, f32) {
+    let at = ((o as f32 + 0.5) * scale - 0.5).max(0.0);
+    let low = (at as usize).min(size - 1);
+    (low as u32, (at - low as f32).min(1.0))
 }

@@ -181,3 +181,85 @@ fn dot(a: [f32; 4], b: [f32; 4]) -> f32 {
 fn derivative(a: f32, b: f32, d: f32, e: f32) -> f32 {
     (8.0 * (d - b) - (e - a)) * (1.0 / 12.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng;
+
+    /// One pixel of the linearisation from its definition, compiled for the plain instruction set: Ix, Iy, residual,
+    /// inverse.
+    fn pixel(from: &Padded, to: &Padded, x: usize, y: usize, u: f32, v: f32, blend: f32) -> [f32; 4] {
+        let (width, height) = (from.width as f32, from.height as f32);
+        let at = |frame: &Padded, x: isize, y: isize| frame.row(y)[(x + BORDER as isize) as usize];
+        let (sx, sy) = ((x as f32 + u).clamp(-1.0, width), (y as f32 + v).clamp(-1.0, height));
+        let (x0, y0) = (sx.floor(), sy.floor());
+        let ((wx, dx), (wy, dy)) = (cubic(sx - x0), cubic(sy - y0));
+        let (mut column, mut slope) = ([0.0f32; 4], [0.0f32; 4]);
+        for (i, j) in (0..4).flat_map(|i| (0..4).map(move |j| (i, j))) {
+            let tap = at(to, x0 as isize - 1 + j as isize, y0 as isize - 1 + i as isize);
+            column[j] = wy[i].mul_add(tap, column[j]);
+            slope[j] = dy[i].mul_add(tap, slope[j]);
+        }
+        let (value, dx, dy) = (dot(wx, column), dot(dx, column), dot(wx, slope));
+        let own = |i: isize, j: isize| at(from, x as isize + i, y as isize + j);
+        let gx = blend.mul_add(derivative(own(-2, 0), own(-1, 0), own(1, 0), own(2, 0)) - dx, dx);
+        let gy = blend.mul_add(derivative(own(0, -2), own(0, -1), own(0, 1), own(0, 2)) - dy, dy);
+        let residual = gx.mul_add(-u, gy.mul_add(-v, value - own(0, 0)));
+        let inside = |place: f32, size: f32| place >= 0.0 && place <= size - 1.0;
+        let weight = if inside(x as f32 + u, width) && inside(y as f32 + v, height) { 1.0 } else { 0.0 };
+        [weight * gx, weight * gy, weight * residual, weight / gx.mul_add(gx, gy * gy).max(1e-9)]
+    }
+
+    #[test]
+    fn rows_equal_single_pixels_bit_for_bit() {
+        for (width, height) in [(1, 1), (3, 2), (17, 5), (40, 9)] {
+            let frame = |seed: u64| {
+                let mut padded = Padded::default();
+                let data: Vec<f32> = (0..width * height).map(|i| rng::unit(rng::hash(seed, &[i as u64]))).collect();
+                padded.fill(width, height, &data);
+                padded
+            };
+            let (from, to) = (frame(1), frame(2));
+            let mut state = State::default();
+            state.resize(width, height);
+            let motion = |seed: u64, i: usize| {
+                // Some vectors leave the picture, one of them by far.
+                let wild = if i % 11 == 7 { 1e9 } else { 6.0 };
+                wild * (rng::unit(rng::hash(seed, &[i as u64])) - 0.5)
+            };
+            for y in 0..height {
+                let [u, v, ..] = state.row_mut(y);
+                (0..width).for_each(|x| (u[x], v[x]) = (motion(3, y * width + x), motion(4, y * width + x)));
+            }
+            Linearise::default().apply(&mut state, &from, &to, 0.5);
+            for (y, x) in (0..height).flat_map(|y| (0..width).map(move |x| (y, x))) {
+                let i = y * width + x;
+                let expected = pixel(&from, &to, x, y, motion(3, i), motion(4, i), 0.5);
+                let [.., ix, iy, residual, inverse] = state.row_mut(y);
+                let got = [ix[x], iy[x], residual[x], inverse[x]];
+                assert_eq!(got.map(f32::to_bits), expected.map(f32::to_bits), "{width}x{height} at {x},{y}: {got:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn the_interpolant_is_exact_on_parabolas() {
+        let (width, height) = (12, 10);
+        let parabola = |x: f32, y: f32| 0.02 * x * x - 0.01 * x * y + 0.03 * y - 0.1;
+        let data: Vec<f32> = (0..width * height).map(|i| parabola((i % width) as f32, (i / width) as f32)).collect();
+        let mut frame = Padded::default();
+        frame.fill(width, height, &data);
+        let mut state = State::default();
+        state.resize(width, height);
+        let [u, v, ..] = state.row_mut(4);
+        (u.fill(0.3), v.fill(-0.6));
+        Linearise::default().apply(&mut state, &frame, &frame, 0.0);
+        let [.., ix, iy, _, _] = state.row_mut(4);
+        for x in 2..width - 3 {
+            let (sx, sy) = (x as f32 + 0.3, 3.4);
+            assert!((ix[x] - (0.04 * sx - 0.01 * sy)).abs() < 1e-5, "{}", ix[x]);
+            assert!((iy[x] - (0.03 - 0.01 * sx)).abs() < 1e-5, "{}", iy[x]);
+        }
+    }
+}
