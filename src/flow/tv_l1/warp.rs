@@ -253,7 +253,8 @@ mod tests {
         let mut state = State::default();
         state.resize(width, height);
         let [u, v, ..] = state.row_mut(4);
-        (u.fill(0.3), v.fill(-0.6));
+        u.fill(0.3);
+        v.fill(-0.6);
         Linearise::default().apply(&mut state, &frame, &frame, 0.0);
         let [.., ix, iy, _, _] = state.row_mut(4);
         for x in 2..width - 3 {
