@@ -13,4 +13,5 @@ pub mod raster;
 pub mod render;
 pub mod report;
 pub mod scene;
+pub mod synth;
 pub mod video;

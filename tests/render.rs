@@ -96,9 +96,7 @@ fn gains_match_the_picture_and_are_bounded() {
     variance.add(&bands(&clip));
     let matte = Plane::filled(240, 192, 1.0);
     let strength = Strength { strength: 1.0, max_gain: 3.0, coarse: 0.5 };
-    let at = |scale: f32| {
-        gains(&layout, &[variance.clone()], &noise(9, 240, 192).map(|v| 0.5 + scale * v), &matte, &strength)
-    };
+    let at = |scale: f32| gains(&layout, &[&variance], &noise(9, 240, 192).map(|v| 0.5 + scale * v), &matte, &strength);
     let equal = at(1.0)[10];
     assert!((equal[0] - 1.0).abs() < 0.15 && (equal[3] - 0.5).abs() < 0.25, "{equal:?}");
     assert!((at(0.5)[10][0] - 0.5).abs() < 0.1);

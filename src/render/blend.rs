@@ -68,7 +68,11 @@ impl Blender {
     }
 
     /// The blended differences of one frame, at working size; `levels` holds the bands of [`Blender::levels`].
+    ///
+    /// # Panics
+    /// When there are more or fewer levels.
     pub fn frame(&self, levels: &[Bands]) -> Plane {
+        assert_eq!(levels.len(), self.levels.len());
         let blended: [Plane; BANDS] = std::array::from_fn(|band| {
             let (width, height) = band_size(self.canvas, band);
             let mut canvas = Plane::zeros(width, height);

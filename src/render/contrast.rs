@@ -61,7 +61,7 @@ impl Variance {
 /// are the picture's, at working size.
 pub fn gains(
     layout: &Layout,
-    variance: &[Variance],
+    variance: &[&Variance],
     luma: &Plane,
     matte: &Plane,
     strength: &Strength,

@@ -1,0 +1,308 @@
+//! The database method: motion borrowed piece by piece from a library (Okabe, Anjyo & Onai 2011).
+
+use std::collections::BTreeSet;
+
+use super::assignment_picture::{assignment_picture, colour};
+use super::footage::{Clip, Stream, bands_of, frame_bytes};
+use super::pick::{self, Choice, Labels};
+use super::record::{AssignmentRecord, ClipShare, NodeRecord, RunRecord, Timed};
+use super::{MethodEntry, Outcome, Sources, Synthesizer};
+use crate::assign::candidates;
+use crate::assign::nodes::NodeGrid;
+use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::{self, Observer, stage};
+use crate::base::{par, rng};
+use crate::declare_options;
+use crate::flow::draw;
+use crate::flow::field::Field;
+use crate::library::grid::Cell;
+use crate::library::tile::Tile;
+use crate::raster::image::{Plane, Rgb8};
+use crate::raster::resample::resize;
+use crate::render::blend::Blender;
+use crate::render::composite::Compositor;
+use crate::render::contrast::{self, Strength, Variance};
+use crate::render::layout::{Layout, LevelKey, PlacedCell, Placement};
+use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, recover};
+use crate::scene::scene::{Scene, Still};
+use crate::video::clip::Sink;
+
+/// Memory for the bands of a block of frames, bytes.
+const BLOCK_BYTES: usize = 256 << 20;
+
+declare_options! {
+    /// Options of the database method.
+    pub struct Options named "database" {
+        /// Candidates per node; more is slower.
+        candidates: usize = 100, in 1, 1000, "pieces", "Okabe 2011, §5.1";
+        /// Most candidates from one place of one clip; 0 is no limit.
+        per_place: usize = 0, in 0, 1000, "pieces", "methods §1.6";
+        /// Exposure of the recovered average image: a streak is this many frames of motion long.
+        shutter: f32 = 6.0, in 0, 100, "frames", "Okabe 2011, §6";
+        /// Width of the Gaussian in the recovered average image, per speed.
+        blur: f32 = 0.5, in 0, 10, "frames", "Okabe 2011, §6";
+        /// Share of the recovered average image; the rest keeps the picture's own detail, still.
+        recovery: f32 = 0.8, in 0, 1, "ratio", "methods §1.6";
+        /// Contrast of the motion relative to the contrast of the picture.
+        strength: f32 = 0.8, in 0, 4, "ratio", "methods §1.5";
+        /// Largest factor on a clip's differences; more lifts its noise.
+        max_gain: f32 = 2.5, in 1, 20, "ratio", "Okabe 2011, Fig. 13";
+        /// Factor of the coarsest band of the differences, where swell and changing light live.
+        coarse: f32 = 0.4, in 0, 2, "ratio", "methods §1.6";
+        /// Phases of its loop that a clip is used at; more keeps copies from moving in unison, and is slower.
+        phases: usize = 1, in 1, 8, "", "";
+    }
+}
+
+/// Registry entry.
+pub const ENTRY: MethodEntry = MethodEntry {
+    name: "database",
+    summary: "borrows motion piece by piece from a library of clips",
+    citation: "Okabe, Anjyo & Onai, \"Creating Fluid Animation from a Single Image using Video Database\", CGF 30(7), 2011",
+    options: Options::declared,
+    complete: |table| Ok(Options::from_table(table)?.to_table()),
+    build: |table| Ok(Box::new(Database { options: Options::from_table(table)? })),
+};
+
+/// The method with its options.
+pub struct Database {
+    options: Options,
+}
+
+/// Pieces in their places, and where they come from.
+struct Placed {
+    layout: Layout,
+    /// Per placement: the piece.
+    choices: Vec<Choice>,
+    /// Every clip that is used, as (library, clip).
+    clips: Vec<(usize, u32)>,
+    /// Per source of the layout: its clip, as a number within `clips`, and its phase.
+    sources: Vec<(usize, usize)>,
+}
+
+/// Everything about the frames that does not change with time.
+struct Rendering {
+    motion: AssignedMotion,
+    blender: Blender,
+    compositor: Compositor,
+}
+
+impl Synthesizer for Database {
+    fn synthesize(&self, scene: &Scene, sources: &Sources, sink: &mut dyn Sink, observer: &Timed) -> Result<Outcome> {
+        check_sources(sources)?;
+        let still = stage(observer, "read picture", 0, || scene.still(observer))?;
+        let grid = NodeGrid::over(&still.working_matte, 0.02)?;
+        let candidates = pick::candidates(&grid, &still, sources, scene, &self.search(), observer)?;
+        let labels = pick::labels(&grid, &candidates, sources, observer)?;
+        let placed = self.place(&grid, &labels.choices, &still, sources, scene)?;
+        let clips = study(&placed, scene, sources, observer)?;
+        let rendering = stage(observer, "prepare", 0, || self.prepare(&placed, &clips, &still))?;
+        frames(&placed, &clips, &rendering, scene, sink, observer)?;
+        outcome(&placed, &clips, &rendering, &labels, &still, sources)
+    }
+}
+
+impl Database {
+    fn search(&self) -> candidates::Options {
+        candidates::Options { count: self.options.candidates, per_place: self.options.per_place }
+    }
+
+    /// Puts the chosen pieces onto their nodes.
+    fn place(
+        &self,
+        grid: &NodeGrid,
+        choices: &[Choice],
+        still: &Still,
+        sources: &Sources,
+        scene: &Scene,
+    ) -> Result<Placed> {
+        let pack = |c: &Choice| &sources.packs[c.pack].1;
+        let pieces = choices.iter().map(|c| pack(c).piece(c.piece)).collect::<Result<Vec<_>>>()?;
+        let tiles = par::try_map(choices.len(), |i| pack(&choices[i]).tile(choices[i].piece))?;
+        let owners: Vec<(usize, u32)> = choices.iter().zip(&pieces).map(|(c, p)| (c.pack, p.clip)).collect();
+        let clips: Vec<(usize, u32)> = BTreeSet::from_iter(owners.iter().copied()).into_iter().collect();
+        let size = |&(pack, clip): &(usize, u32)| {
+            let meta = &sources.packs[pack].1.clips()[clip as usize];
+            (meta.width as usize, meta.height as usize)
+        };
+        let place = |i: usize| Placement {
+            node: (grid.nodes[i].x as usize, grid.nodes[i].y as usize),
+            source: clips.partition_point(|c| *c < owners[i]),
+            variant: pieces[i].variant(),
+            piece: (pieces[i].x as usize, pieces[i].y as usize),
+            cells: placed_cells(&tiles[i]),
+        };
+        let mut layout = Layout {
+            canvas: still.map.working,
+            sources: clips.iter().map(size).collect(),
+            placements: (0..choices.len()).map(place).collect(),
+        };
+        let phases = spread_phases(&mut layout, self.options.phases, scene.settings().output.seed);
+        Ok(Placed { layout, choices: choices.to_vec(), clips, sources: phases })
+    }
+
+    /// Weights, gains, recovered image: what all frames share.
+    fn prepare(&self, placed: &Placed, clips: &[Clip], still: &Still) -> Result<Rendering> {
+        let Options { shutter, blur, recovery: amount, strength, max_gain, coarse, .. } = self.options;
+        let variance = |key: &LevelKey| {
+            let clip = &clips[placed.sources[key.source].0];
+            clip.variance(key.scale).expect("a clip is studied at every scale it is used at")
+        };
+        let variances: Vec<&Variance> = placed.layout.levels().iter().map(variance).collect();
+        let strength = Strength { strength, max_gain, coarse };
+        let luma = still.working.luma();
+        let gains = contrast::gains(&placed.layout, &variances, &luma, &still.working_matte, &strength);
+        let motion = assigned_motion(&placed.layout);
+        let recovery = Recovery { shutter, blur, amount };
+        let recovered = recover(&still.working, &still.working_matte, &motion, &recovery);
+        let compositor =
+            Compositor::new(still.picture.clone(), &still.matte, &still.working, &still.working_matte, &recovered);
+        Ok(Rendering { motion, blender: Blender::new(&placed.layout, &gains), compositor })
+    }
+}
+
+fn check_sources(sources: &Sources) -> Result<()> {
+    if sources.packs.is_empty() {
+        return Err(Error::new(Kind::Usage, "library", "the database method needs a library")
+            .remedy("make one with enliven-db build, and name it with --library"));
+    }
+    Ok(())
+}
+
+fn placed_cells(tile: &Tile) -> Vec<PlacedCell> {
+    let cell = |c: &Cell| PlacedCell {
+        mean: (c.mean[0].to_f32(), c.mean[1].to_f32()),
+        activity: c.activity.to_f32(),
+        significant: c.significant.to_f32(),
+    };
+    tile.cells.iter().map(cell).collect()
+}
+
+/// Gives every stretch of continuous footage one of `phases` phases of its clip's loop, so that two copies of a place
+/// do not move in unison; the layout's sources become clips at phases, which are returned as (clip, phase).
+fn spread_phases(layout: &mut Layout, phases: usize, seed: u64) -> Vec<(usize, usize)> {
+    let groups = layout.groups();
+    let phase = |group: usize| rng::below(rng::hash(seed, &[group as u64]), phases as u64) as usize;
+    let key = |i: usize, p: &Placement| (p.source, phase(groups[i]));
+    let keys: Vec<_> = layout.placements.iter().enumerate().map(|(i, p)| key(i, p)).collect();
+    let sources: Vec<_> = BTreeSet::from_iter(keys.iter().copied()).into_iter().collect();
+    layout.sources = sources.iter().map(|&(clip, _)| layout.sources[clip]).collect();
+    for (placement, key) in layout.placements.iter_mut().zip(&keys) {
+        placement.source = sources.partition_point(|s| s < key);
+    }
+    sources
+}
+
+/// Finds the loop of every clip that is used, and how strong its differences are.
+fn study(placed: &Placed, scene: &Scene, sources: &Sources, observer: &Timed) -> Result<Vec<Clip>> {
+    let frames = scene.settings().output.frames;
+    let levels = placed.layout.levels();
+    stage(observer, "loops", placed.clips.len() as u64, || {
+        par::try_map(placed.clips.len(), |i| {
+            let (pack, clip) = placed.clips[i];
+            let used = levels.iter().filter(|l| placed.sources[l.source].0 == i).map(|l| l.scale);
+            let scales = BTreeSet::from_iter(used).into_iter().collect();
+            let clip = Clip::study(&sources.packs[pack].1, clip, scales, frames, observer);
+            observer.advance("loops", 1);
+            clip
+        })
+    })
+}
+
+/// Makes the frames in blocks: the clips of a block are decoded in parallel, then its frames are blended in parallel,
+/// while the frames of the block before are written.
+fn frames(
+    placed: &Placed,
+    clips: &[Clip],
+    rendering: &Rendering,
+    scene: &Scene,
+    sink: &mut dyn Sink,
+    observer: &Timed,
+) -> Result<()> {
+    let count = scene.settings().output.frames;
+    let phases = placed.sources.iter().map(|s| s.1).max().unwrap_or(0) + 1;
+    let levels = rendering.blender.levels();
+    let stream = |(source, &(clip, phase)): (usize, &(usize, usize))| {
+        let scales = levels.iter().filter(|l| l.source == source).map(|l| l.scale).collect();
+        Stream::new(&clips[clip], phase * count / phases, scales)
+    };
+    let streams = placed.sources.iter().enumerate().map(stream).collect::<Result<Vec<_>>>()?;
+    let block = (BLOCK_BYTES / frame_bytes(&streams).max(1)).clamp(par::threads().min(4), 16);
+    let make = |b: usize| {
+        let range = b * block..((b + 1) * block).min(count);
+        let levels = bands_of(&streams, range, observer)?;
+        Ok(par::map(levels.len(), |i| rendering.compositor.frame(&rendering.blender.frame(&levels[i]))))
+    };
+    stage(observer, "frames", count as u64, || {
+        par::ordered_map(0..count.div_ceil(block), 2, make, |_, frames: Vec<Rgb8>| {
+            for frame in &frames {
+                observe::check(observer)?;
+                sink.push(frame)?;
+                observer.advance("frames", 1);
+            }
+            Ok(())
+        })
+    })
+}
+
+fn outcome(
+    placed: &Placed,
+    clips: &[Clip],
+    rendering: &Rendering,
+    labels: &Labels,
+    still: &Still,
+    sources: &Sources,
+) -> Result<Outcome> {
+    let clip_of: Vec<usize> = placed.layout.placements.iter().map(|p| placed.sources[p.source].0).collect();
+    let record =
+        RunRecord { assignment: Some(assignment(placed, clips, &clip_of, labels, sources)?), ..RunRecord::default() };
+    let picture = assignment_picture(&still.working.luma(), &still.working_matte, &placed.layout, &clip_of);
+    let motion = &rendering.motion;
+    let full = |plane: &Plane| resize(plane, still.map.working.0, still.map.working.1);
+    let field = Field { u: full(&motion.mean.u), v: full(&motion.mean.v) };
+    let speed = field.magnitude();
+    let fastest = speed.data.iter().copied().fold(1e-6, f32::max);
+    let grey = speed.data.iter().flat_map(|v| [(v / fastest * 255.0) as u8; 3]).collect();
+    let speed = Rgb8 { width: speed.width, height: speed.height, data: grey };
+    Ok(Outcome {
+        record,
+        pictures: vec![("assignment", picture), ("motion", draw::colour(&field, 0.0)), ("speed", speed)],
+    })
+}
+
+fn assignment(
+    placed: &Placed,
+    clips: &[Clip],
+    clip_of: &[usize],
+    labels: &Labels,
+    sources: &Sources,
+) -> Result<AssignmentRecord> {
+    let share = |(i, &(library, clip)): (usize, &(usize, u32))| {
+        let meta = &sources.packs[library].1.clips()[clip as usize];
+        let nodes = clip_of.iter().filter(|&&c| c == i).count();
+        let segment = clips[i].plan.segments().into_iter().max().unwrap_or(0);
+        ClipShare {
+            library,
+            clip: meta.id.to_string(),
+            tag: meta.tag.clone(),
+            colour: colour(i),
+            nodes,
+            share: nodes as f64 / clip_of.len() as f64,
+            loop_frames: (clips[i].plan.start(), clips[i].plan.start() + segment),
+        }
+    };
+    let mut shares: Vec<ClipShare> = placed.clips.iter().enumerate().map(share).collect();
+    shares.sort_by(|a, b| b.nodes.cmp(&a.nodes).then_with(|| a.clip.cmp(&b.clip)));
+    let node = |(placement, choice): (&Placement, &Choice)| {
+        let (x, y) = placement.node;
+        Ok(NodeRecord { x, y, library: choice.pack, piece: sources.packs[choice.pack].1.piece_ref(choice.piece)? })
+    };
+    Ok(AssignmentRecord {
+        energy: labels.energy,
+        data_only_energy: labels.data_only_energy,
+        data_energy: labels.data_energy,
+        history: labels.history.clone(),
+        clips: shares,
+        nodes: placed.layout.placements.iter().zip(&placed.choices).map(node).collect::<Result<_>>()?,
+    })
+}

@@ -1,0 +1,143 @@
+//! The frames of the clips that are used: looped, as differences from their average, and split into bands.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::base::error::Result;
+use crate::base::observe::{self, Observer};
+use crate::base::par;
+use crate::library::reader::{FrameReader, Pack};
+use crate::library::variant::level_size;
+use crate::raster::image::Plane;
+use crate::raster::resample::resize;
+use crate::render::blend::{Bands, bands};
+use crate::render::contrast::Variance;
+use crate::video::looping::{Distances, LoopPlan, Part, plan_loop, thumbnail};
+
+/// Frames of a cross-fade where a loop closes.
+const FADE: usize = 20;
+/// A loop is looked for in the clip's first frames, this many times the frames of the output.
+const SEARCHED: usize = 2;
+/// Every so many frames are measured for the strength of the differences.
+const SAMPLE_STEP: usize = 8;
+
+/// One clip that is used.
+pub struct Clip {
+    pack: Arc<Pack>,
+    /// Number of the clip within its pack.
+    pub clip: u32,
+    /// Width and height, working pixels.
+    pub size: (usize, usize),
+    /// Scale numbers that are used, ascending.
+    scales: Vec<u8>,
+    average: Plane,
+    /// Its loop.
+    pub plan: LoopPlan,
+    variance: Vec<Variance>,
+}
+
+impl Clip {
+    /// Reads the clip once: finds its loop of `frames` output frames and measures its differences at `scales`.
+    ///
+    /// # Errors
+    /// A damaged pack, a clip that cannot be looped, a cancel.
+    pub fn study(pack: &Arc<Pack>, clip: u32, scales: Vec<u8>, frames: usize, observer: &dyn Observer) -> Result<Self> {
+        let meta = &pack.clips()[clip as usize];
+        let size = (meta.width as usize, meta.height as usize);
+        let average = pack.average(clip)?.luma();
+        let searched = (meta.frames as usize).min((SEARCHED * frames).max(SEARCHED * FADE));
+        let mut thumbnails = Vec::with_capacity(searched);
+        let mut variance = vec![Variance::default(); scales.len()];
+        let mut reader = pack.frames(clip)?;
+        for t in 0..searched {
+            observe::check(observer)?;
+            let luma = reader.at(t)?.luma();
+            thumbnails.push(thumbnail(&luma));
+            if t % SAMPLE_STEP == 0 {
+                let differences = minus(luma, &average);
+                for (variance, &scale) in variance.iter_mut().zip(&scales) {
+                    variance.add(&level_bands(&differences, size, scale));
+                }
+            }
+        }
+        let plan = plan_loop(&Distances::between(&thumbnails), frames, FADE)?;
+        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, variance })
+    }
+
+    /// How strong its differences are at one of the scales it was studied at.
+    pub fn variance(&self, scale: u8) -> Option<&Variance> {
+        self.scales.iter().position(|&s| s == scale).map(|i| &self.variance[i])
+    }
+}
+
+/// A clip at a phase of its loop, being read forwards.
+pub struct Stream<'a> {
+    clip: &'a Clip,
+    phase: usize,
+    scales: Vec<u8>,
+    readers: Mutex<[FrameReader<'a>; 2]>,
+}
+
+impl<'a> Stream<'a> {
+    /// Starts `phase` output frames into the loop of `clip`, for `scales` (ascending).
+    ///
+    /// # Errors
+    /// A damaged pack.
+    pub fn new(clip: &'a Clip, phase: usize, scales: Vec<u8>) -> Result<Self> {
+        let readers = Mutex::new([clip.pack.frames(clip.clip)?, clip.pack.frames(clip.clip)?]);
+        Ok(Self { clip, phase, scales, readers })
+    }
+
+    /// The bands of output frame `t`, for every scale that is used; cheapest in order of `t`.
+    fn bands(&self, t: usize) -> Result<Vec<Bands>> {
+        let blend = self.clip.plan.at(t + self.phase);
+        // A reader holds nothing that an earlier panic could have left half-done: it seeks from a keyframe.
+        let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut sum = Plane::zeros(self.clip.size.0, self.clip.size.1);
+        for (reader, Part { frame, weight }) in readers.iter_mut().zip([Some(blend.a), blend.b].into_iter().flatten()) {
+            let luma = reader.at(frame)?.luma();
+            for ((s, l), a) in sum.data.iter_mut().zip(&luma.data).zip(&self.clip.average.data) {
+                *s += weight * (l - a);
+            }
+        }
+        drop(readers);
+        Ok(self.scales.iter().map(|&scale| level_bands(&sum, self.clip.size, scale)).collect())
+    }
+}
+
+/// The bands of all streams for the output frames `range`, frame by frame, the levels of a frame ordered by stream and
+/// scale (the order of [`crate::render::layout::Layout::levels`]).
+///
+/// # Errors
+/// A damaged pack, a cancel.
+pub fn bands_of(streams: &[Stream], range: std::ops::Range<usize>, observer: &dyn Observer) -> Result<Vec<Vec<Bands>>> {
+    let by_stream = par::try_map(streams.len(), |s| {
+        let of = |t| observe::check(observer).and_then(|()| streams[s].bands(t));
+        range.clone().map(of).collect::<Result<Vec<_>>>()
+    })?;
+    let mut by_frame: Vec<Vec<Bands>> = range.map(|_| Vec::new()).collect();
+    for stream in by_stream {
+        for (frame, levels) in by_frame.iter_mut().zip(stream) {
+            frame.extend(levels);
+        }
+    }
+    Ok(by_frame)
+}
+
+/// Bytes of the bands of one output frame.
+pub fn frame_bytes(streams: &[Stream]) -> usize {
+    let level = |clip: &Clip, scale: u8| {
+        let (w, h) = level_size(clip.size.0, clip.size.1, scale);
+        w * h * size_of::<f32>() * 4 / 3
+    };
+    streams.iter().map(|s| s.scales.iter().map(|&scale| level(s.clip, scale)).sum::<usize>()).sum()
+}
+
+fn minus(mut plane: Plane, other: &Plane) -> Plane {
+    plane.data.iter_mut().zip(&other.data).for_each(|(p, o)| *p -= o);
+    plane
+}
+
+fn level_bands(differences: &Plane, size: (usize, usize), scale: u8) -> Bands {
+    let (width, height) = level_size(size.0, size.1, scale);
+    bands(&resize(differences, width, height))
+}

@@ -1,0 +1,116 @@
+//! Methods that animate a scene, each behind one trait and one line of [`REGISTRY`].
+
+pub mod assignment_picture;
+pub mod database;
+pub mod footage;
+pub mod pick;
+pub mod record;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::Observer;
+use crate::base::options::{Declared, Table, unknown};
+use crate::library::reader::Pack;
+use crate::raster::image::Rgb8;
+use crate::scene::file;
+use crate::scene::scene::Scene;
+use crate::video::clip::Sink;
+use record::{RunRecord, Timed};
+
+/// What a method borrows from.
+#[derive(Clone, Default)]
+pub struct Sources {
+    /// Open libraries, in the scene's order, with their names for people.
+    pub packs: Vec<(PathBuf, Arc<Pack>)>,
+}
+
+impl Sources {
+    /// Opens the libraries of a scene.
+    ///
+    /// # Errors
+    /// Those of [`Pack::open`].
+    pub fn open(scene: &Scene) -> Result<Self> {
+        let open = |path: &PathBuf| Ok((path.clone(), Pack::open(path)?));
+        Ok(Self { packs: scene.settings().library.iter().map(open).collect::<Result<_>>()? })
+    }
+}
+
+/// What a run gives besides its frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Outcome {
+    /// Everything that is known of the run, for `summary.json`.
+    pub record: RunRecord,
+    /// Pictures that explain it, by name without extension ("assignment", "speed", "orientation").
+    pub pictures: Vec<(&'static str, Rgb8)>,
+}
+
+/// A method that animates a scene.
+pub trait Synthesizer: Sync {
+    /// Makes all frames of the scene and pushes them to `sink`, in order.
+    ///
+    /// # Errors
+    /// Sources that do not serve, a sink that fails, a cancel.
+    fn synthesize(&self, scene: &Scene, sources: &Sources, sink: &mut dyn Sink, observer: &Timed) -> Result<Outcome>;
+}
+
+/// One method.
+pub struct MethodEntry {
+    /// Name on command lines and in scene files.
+    pub name: &'static str,
+    /// What it does, in one line.
+    pub summary: &'static str,
+    /// Where it comes from.
+    pub citation: &'static str,
+    /// Its options.
+    pub options: fn() -> Vec<Declared>,
+    /// All option values that a table stands for, defaults included.
+    pub complete: fn(&Table) -> Result<Table>,
+    /// Makes it from an option table.
+    pub build: fn(&Table) -> Result<Box<dyn Synthesizer>>,
+}
+
+/// All methods.
+pub const REGISTRY: &[MethodEntry] = &[database::ENTRY];
+
+/// The method of a scene that names none.
+pub const DEFAULT_METHOD: &str = "database";
+
+/// The entry of a scene's method, after checking every option table of the scene; the scene gets its method's name and
+/// every option value, defaults included, so that what it writes repeats the run.
+///
+/// # Errors
+/// Unknown methods and tables (naming the nearest), unknown or bad options.
+pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
+    let names: Vec<&str> = REGISTRY.iter().map(|m| m.name).collect();
+    let tables: Vec<&str> = names.iter().copied().chain(file::KEYS).collect();
+    for (name, table) in &scene.settings().options {
+        let method = REGISTRY.iter().find(|m| m.name == name).ok_or_else(|| unknown("", name, &tables))?;
+        (method.complete)(table)?;
+    }
+    let name = scene.settings().method.clone().unwrap_or_else(|| DEFAULT_METHOD.to_owned());
+    let method = REGISTRY
+        .iter()
+        .find(|m| m.name == name)
+        .ok_or_else(|| Error::new(Kind::Usage, "method", format!("no method {name:?}")).allowed(names.join(", ")))?;
+    let table = (method.complete)(&scene.options(method.name))?;
+    scene.set_options(method.name, table);
+    Ok(method)
+}
+
+/// Animates a scene with its method: opens its libraries, makes all frames and pushes them to `sink`, which the caller
+/// made with [`Scene::frame_map`]`().output` as its size, and finishes. Call [`resolve`] first.
+///
+/// # Errors
+/// Those of the method, the libraries and the sink; nothing is left half-written.
+pub fn run(scene: &Scene, sink: &mut dyn Sink, observer: &dyn Observer) -> Result<Outcome> {
+    let mut checked = scene.clone();
+    let method = resolve(&mut checked)?;
+    let synthesizer = (method.build)(&checked.options(method.name))?;
+    let sources = Sources::open(&checked)?;
+    let timed = Timed::new(observer);
+    let mut outcome = synthesizer.synthesize(&checked, &sources, sink, &timed)?;
+    outcome.record.finish(&checked, &timed);
+    Ok(outcome)
+}

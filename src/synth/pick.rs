@@ -1,0 +1,272 @@
+//! Which piece each node gets: candidates by appearance, labels by energy.
+
+use std::collections::BTreeSet;
+
+use super::Sources;
+use crate::assign::candidates::{self, Candidates, Gate, Pieces};
+use crate::assign::nodes::NodeGrid;
+use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::Observer;
+use crate::base::par;
+use crate::descriptor::dense_sift;
+use crate::descriptor::spatial_pyramid::ROW;
+use crate::descriptor::vocabulary::PIECE_WORDS;
+use crate::library::piece::PieceIx;
+use crate::library::reader::{Pack, Piece};
+use crate::library::variant::PIECE;
+use crate::scene::scene::{Scene, Still};
+
+/// Side of the places that `per_place` counts, pixels of the clip.
+const PLACE: u32 = 32;
+
+/// A piece of one of the libraries.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Choice {
+    /// Number of the library.
+    pub pack: usize,
+    /// The piece.
+    pub piece: PieceIx,
+}
+
+/// The candidates of every node, over all libraries.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Choices {
+    /// Node `n` has entries `offsets[n]..offsets[n + 1]`.
+    pub offsets: Vec<usize>,
+    /// The pieces, best first.
+    pub choices: Vec<Choice>,
+    /// Their data terms (Okabe et al. 2011, §5.1), 0 = alike.
+    pub data: Vec<f32>,
+}
+
+/// One piece per node.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Labels {
+    /// Per node: the piece.
+    pub choices: Vec<Choice>,
+    /// Energy (Okabe et al. 2011, §5.3).
+    pub energy: f64,
+    /// Energy of the best data terms' labels.
+    pub data_only_energy: f64,
+    /// Data terms within the energy.
+    pub data_energy: f64,
+    /// Energy after each round.
+    pub history: Vec<f64>,
+}
+
+/// Finds the candidates of all nodes in all libraries: the pieces whose average image looks most like the node.
+///
+/// # Errors
+/// Libraries without pieces, or without pieces of the tags asked for; damaged packs; a cancel.
+pub fn candidates(
+    grid: &NodeGrid,
+    still: &Still,
+    sources: &Sources,
+    scene: &Scene,
+    options: &candidates::Options,
+    observer: &dyn Observer,
+) -> Result<Choices> {
+    let described = dense_sift::describe(&grid.padded(&still.working.luma()));
+    let mut found = Vec::new();
+    for (number, (path, pack)) in sources.packs.iter().enumerate() {
+        let Some(usable) = Usable::of(pack, &scene.settings().tags)? else { continue };
+        let words = pack.vocabulary()?.words(&described);
+        let word = |n: &crate::assign::nodes::Node| words.piece(n.x as usize, n.y as usize);
+        let nodes: Option<Vec<[u8; PIECE_WORDS]>> = grid.nodes.iter().map(word).collect();
+        let nodes = nodes.ok_or_else(|| Error::file(Kind::Data, path, "its grid of words does not fit the nodes"))?;
+        let gate = scene.settings().motion.direction.map(|d| DirectionGate::new(pack, &usable, d)).transpose()?;
+        let gate = gate.as_ref().map(|g| g as &dyn Gate);
+        let candidates = candidates::search(&nodes, usable.pieces(pack)?, *options, gate, observer)?;
+        found.push((number, usable, candidates));
+    }
+    if found.is_empty() {
+        return Err(no_such_tags(sources, &scene.settings().tags));
+    }
+    let widened = found.iter().flat_map(|f| &f.2.widened).filter(|&&w| w > 0).count();
+    if widened > 0 {
+        observer.note(&format!(
+            "{widened} of {} places: too few pieces move in the asked direction; other directions were let in",
+            grid.nodes.len() * found.len()
+        ));
+    }
+    Ok(merge(&found, grid.nodes.len(), options.count))
+}
+
+/// The best `count` of all libraries' candidates, per node.
+fn merge(found: &[(usize, Usable, Candidates)], nodes: usize, count: usize) -> Choices {
+    let mut out = Choices { offsets: vec![0], ..Choices::default() };
+    for node in 0..nodes {
+        let of = |(pack, usable, candidates): &(usize, Usable, Candidates)| {
+            let entry = |e: usize| {
+                let choice = Choice { pack: *pack, piece: usable.piece(candidates.pieces[e]) };
+                (candidates.data_term(e), choice)
+            };
+            candidates.range(node).map(entry).collect::<Vec<_>>()
+        };
+        let mut all: Vec<(f32, Choice)> = found.iter().flat_map(of).collect();
+        all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        all.truncate(count);
+        out.data.extend(all.iter().map(|a| a.0));
+        out.choices.extend(all.iter().map(|a| a.1));
+        out.offsets.push(out.choices.len());
+    }
+    out
+}
+
+/// The pieces of a pack that may be used: all of them, or copies of the rows of those with the right tags.
+struct Usable {
+    some: Option<Selection>,
+    places: Vec<u32>,
+}
+
+struct Selection {
+    numbers: Vec<u32>,
+    level0: Vec<[u8; ROW]>,
+    words: Vec<[u8; PIECE_WORDS]>,
+}
+
+impl Usable {
+    /// `None` when no clip has one of the tags.
+    fn of(pack: &Pack, tags: &[String]) -> Result<Option<Self>> {
+        let pieces = pack.pieces()?;
+        if tags.is_empty() {
+            let places = (0..pieces.len()).map(|i| place(pack, &pieces[i])).collect();
+            return Ok((!pieces.is_empty()).then_some(Self { some: None, places }));
+        }
+        let wanted: Vec<bool> = pack.clips().iter().map(|c| tags.contains(&c.tag)).collect();
+        let numbers: Vec<u32> =
+            (0..pieces.len() as u32).filter(|&i| wanted[pieces[i as usize].clip as usize]).collect();
+        let (level0, words) = (pack.level0()?, pack.words()?);
+        let selection = Selection {
+            level0: numbers.iter().map(|&i| level0[i as usize]).collect(),
+            words: numbers.iter().map(|&i| words[i as usize]).collect(),
+            numbers,
+        };
+        let places = selection.numbers.iter().map(|&i| place(pack, &pieces[i as usize])).collect();
+        Ok((!selection.numbers.is_empty()).then_some(Self { some: Some(selection), places }))
+    }
+
+    fn pieces<'a>(&'a self, pack: &'a Pack) -> Result<Pieces<'a>> {
+        let (level0, words) = match &self.some {
+            Some(s) => (&s.level0[..], &s.words[..]),
+            None => (pack.level0()?, pack.words()?),
+        };
+        Ok(Pieces { level0, words, places: Some(&self.places) })
+    }
+
+    /// The pack's number of a usable piece.
+    fn piece(&self, usable: PieceIx) -> PieceIx {
+        self.some.as_ref().map_or(usable, |s| PieceIx(s.numbers[usable.0 as usize]))
+    }
+}
+
+/// A number for the clip and the square of it that a piece shows, whatever its variant.
+fn place(pack: &Pack, piece: &Piece) -> u32 {
+    let meta = &pack.clips()[piece.clip as usize];
+    let variant = piece.variant();
+    let half = 0.5 * PIECE as f32;
+    let geometry = variant.geometry(meta.width as usize, meta.height as usize);
+    let (x, y) = geometry.to_level(f32::from(piece.x) + half, f32::from(piece.y) + half);
+    let square = |v: f32| (v / variant.scale_factor()).max(0.0) as u32 / PLACE;
+    (piece.clip << 16) | ((square(y) & 0xff) << 8) | (square(x) & 0xff)
+}
+
+fn no_such_tags(sources: &Sources, tags: &[String]) -> Error {
+    let known: BTreeSet<&str> = sources
+        .packs
+        .iter()
+        .flat_map(|(_, pack)| pack.clips())
+        .map(|c| c.tag.as_str())
+        .filter(|t| !t.is_empty())
+        .collect();
+    let known: Vec<&str> = known.into_iter().collect();
+    if tags.is_empty() {
+        return Error::new(Kind::Unusable, "library", "holds no pieces").remedy("add clips to it with enliven-db");
+    }
+    Error::new(Kind::Unusable, "use", format!("no clip of the library is tagged {}", tags.join(" or ")))
+        .allowed(if known.is_empty() { "its clips have no tags".to_owned() } else { known.join(", ") })
+}
+
+/// Admits pieces whose average motion points the asked way: within 30°, and 30° more with every step of widening.
+struct DirectionGate {
+    /// Per usable piece: how many steps of widening admit it.
+    steps: Vec<u8>,
+}
+
+/// Degrees of the gate, and of each widening.
+const GATE_DEGREES: f32 = 30.0;
+/// Widenings until every direction is admitted.
+const GATE_STEPS: u32 = 6;
+/// Share of a piece's motion that must have one direction for it to have any.
+const COHERENT: f32 = 0.25;
+
+impl DirectionGate {
+    fn new(pack: &Pack, usable: &Usable, degrees: f32) -> Result<Self> {
+        let (sin, cos) = degrees.to_radians().sin_cos();
+        let count = usable.places.len();
+        let step = |i: usize| {
+            let tile = pack.tile(usable.piece(PieceIx(i as u32)))?;
+            let (u, v) = tile.mean_motion();
+            let norm = (u * u + v * v).sqrt();
+            let activity = tile.cells.iter().map(|c| c.activity.to_f32()).sum::<f32>() / tile.cells.len() as f32;
+            if norm < COHERENT * activity || norm == 0.0 {
+                return Ok(GATE_STEPS as u8);
+            }
+            let angle = ((u * cos + v * sin) / norm).clamp(-1.0, 1.0).acos().to_degrees();
+            Ok(((angle / GATE_DEGREES) as u32).min(GATE_STEPS) as u8)
+        };
+        Ok(Self { steps: par::try_map(count, step)? })
+    }
+}
+
+impl Gate for DirectionGate {
+    fn admits(&self, _node: usize, piece: PieceIx, widening: u32) -> bool {
+        u32::from(self.steps[piece.0 as usize]) <= widening
+    }
+
+    fn steps(&self) -> u32 {
+        GATE_STEPS
+    }
+}
+
+/// Chooses one candidate per node.
+///
+/// # Errors
+/// Damaged packs.
+pub fn labels(grid: &NodeGrid, candidates: &Choices, sources: &Sources, _observer: &dyn Observer) -> Result<Labels> {
+    let mut out = Labels::default();
+    let info = |c: &Choice| sources.packs[c.pack].1.piece(c.piece);
+    let key = |c: &Choice, n: usize| -> Result<(usize, u32, u8, i32, i32)> {
+        let p = info(c)?;
+        Ok((
+            c.pack,
+            p.clip,
+            p.variant_index(),
+            i32::from(p.x) - grid.nodes[n].x as i32,
+            i32::from(p.y) - grid.nodes[n].y as i32,
+        ))
+    };
+    for n in 0..grid.nodes.len() {
+        let mut best = (f32::MAX, candidates.choices[candidates.offsets[n]]);
+        for e in candidates.offsets[n]..candidates.offsets[n + 1] {
+            let c = candidates.choices[e];
+            let k = key(&c, n)?;
+            let mut cost = candidates.data[e];
+            for edge in grid.edges.iter().filter(|edge| edge.b as usize == n) {
+                let other = key(&out.choices[edge.a as usize], edge.a as usize)?;
+                cost += if other == k {
+                    0.0
+                } else if other.1 == k.1 {
+                    0.03
+                } else {
+                    0.05
+                };
+            }
+            if cost < best.0 {
+                best = (cost, c);
+            }
+        }
+        out.choices.push(best.1);
+    }
+    Ok(out)
+}

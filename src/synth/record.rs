@@ -1,0 +1,154 @@
+//! What is written down of a run.
+
+use std::sync::Mutex;
+use std::time::Instant;
+
+use serde::{Deserialize, Serialize};
+
+use crate::base::observe::Observer;
+use crate::base::par;
+use crate::library::piece::PieceRef;
+use crate::scene::file::SceneFile;
+use crate::scene::scene::Scene;
+
+/// Everything that is known of a run.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunRecord {
+    /// Version of the program.
+    pub version: String,
+    /// Instructions that the machine offers and some kernels use; frames may differ in the last bit between them.
+    pub instructions: String,
+    /// Worker threads.
+    pub threads: usize,
+    /// The settings, every option included.
+    pub scene: SceneFile,
+    /// Width and height of the working image.
+    pub working_size: (usize, usize),
+    /// Width and height of the frames.
+    pub output_size: (usize, usize),
+    /// Stages with their wall time, in order.
+    pub stages: Vec<Stage>,
+    /// Seconds from start to end.
+    pub seconds: f64,
+    /// Which piece went where, where the method assigns pieces.
+    pub assignment: Option<AssignmentRecord>,
+}
+
+/// A stage and its time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Stage {
+    /// Name.
+    pub name: String,
+    /// Wall time in seconds.
+    pub seconds: f64,
+}
+
+/// Which piece went where.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct AssignmentRecord {
+    /// Energy of the labels (Okabe et al. 2011, §5.3).
+    pub energy: f64,
+    /// Energy of the labels that the data terms alone would choose.
+    pub data_only_energy: f64,
+    /// Data terms within [`AssignmentRecord::energy`].
+    pub data_energy: f64,
+    /// Energy after each round.
+    pub history: Vec<f64>,
+    /// Every clip that is used, the most used first.
+    pub clips: Vec<ClipShare>,
+    /// Every node, row by row.
+    pub nodes: Vec<NodeRecord>,
+}
+
+/// How much of the picture a clip moves.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ClipShare {
+    /// Which library, by its place in the scene's list.
+    pub library: usize,
+    /// First bytes of the clip's identity.
+    pub clip: String,
+    /// Its tag.
+    pub tag: String,
+    /// Its colour in the assignment picture, red, green, blue.
+    pub colour: [u8; 3],
+    /// Nodes it moves.
+    pub nodes: usize,
+    /// Share of all nodes, 0 to 1.
+    pub share: f64,
+    /// Frames of the clip where its loop begins and ends.
+    pub loop_frames: (usize, usize),
+}
+
+/// A node and its piece.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct NodeRecord {
+    /// Left edge on the working image, pixels.
+    pub x: usize,
+    /// Top edge on the working image, pixels.
+    pub y: usize,
+    /// Which library, by its place in the scene's list.
+    pub library: usize,
+    /// The piece.
+    pub piece: PieceRef,
+}
+
+impl RunRecord {
+    /// Fills in what does not depend on the method.
+    pub fn finish(&mut self, scene: &Scene, timed: &Timed) {
+        self.version = env!("CARGO_PKG_VERSION").to_owned();
+        self.instructions = instructions().to_owned();
+        self.threads = par::threads();
+        self.scene = scene.settings().clone();
+        (self.working_size, self.output_size) = (scene.frame_map().working, scene.frame_map().output);
+        self.stages = timed.stages.lock().map(|s| s.clone()).unwrap_or_default();
+        self.seconds = timed.start.elapsed().as_secs_f64();
+    }
+}
+
+fn instructions() -> &'static str {
+    #[cfg(target_arch = "x86_64")]
+    {
+        if std::arch::is_x86_feature_detected!("avx512bw") {
+            return "x86-64 with AVX-512";
+        }
+        if std::arch::is_x86_feature_detected!("avx2") {
+            return "x86-64 with AVX2";
+        }
+    }
+    std::env::consts::ARCH
+}
+
+/// Passes everything on to another observer, and keeps the times of the stages.
+pub struct Timed<'a> {
+    inner: &'a dyn Observer,
+    start: Instant,
+    stages: Mutex<Vec<Stage>>,
+}
+
+impl<'a> Timed<'a> {
+    /// Around `inner`; the clock starts now.
+    pub fn new(inner: &'a dyn Observer) -> Self {
+        Self { inner, start: Instant::now(), stages: Mutex::default() }
+    }
+}
+
+impl Observer for Timed<'_> {
+    fn begin(&self, stage: &str, total: u64) {
+        self.inner.begin(stage, total);
+    }
+    fn advance(&self, stage: &str, steps: u64) {
+        self.inner.advance(stage, steps);
+    }
+    fn end(&self, stage: &str, seconds: f64) {
+        if let Ok(mut stages) = self.stages.lock() {
+            stages.push(Stage { name: stage.to_owned(), seconds });
+        }
+        self.inner.end(stage, seconds);
+    }
+    fn note(&self, message: &str) {
+        self.inner.note(message);
+    }
+    fn cancelled(&self) -> bool {
+        self.inner.cancelled()
+    }
+}
