@@ -9,7 +9,6 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::par;
 use crate::descriptor::dense_sift;
-use crate::descriptor::spatial_pyramid::ROW;
 use crate::descriptor::vocabulary::PIECE_WORDS;
 use crate::library::piece::PieceIx;
 use crate::library::reader::{Pack, Piece};
@@ -121,7 +120,6 @@ struct Usable {
 
 struct Selection {
     numbers: Vec<u32>,
-    level0: Vec<[u8; ROW]>,
     words: Vec<[u8; PIECE_WORDS]>,
 }
 
@@ -136,9 +134,8 @@ impl Usable {
         let wanted: Vec<bool> = pack.clips().iter().map(|c| tags.contains(&c.tag)).collect();
         let numbers: Vec<u32> =
             (0..pieces.len() as u32).filter(|&i| wanted[pieces[i as usize].clip as usize]).collect();
-        let (level0, words) = (pack.level0()?, pack.words()?);
+        let words = pack.words()?;
         let selection = Selection {
-            level0: numbers.iter().map(|&i| level0[i as usize]).collect(),
             words: numbers.iter().map(|&i| words[i as usize]).collect(),
             numbers,
         };
@@ -147,11 +144,11 @@ impl Usable {
     }
 
     fn pieces<'a>(&'a self, pack: &'a Pack) -> Result<Pieces<'a>> {
-        let (level0, words) = match &self.some {
-            Some(s) => (&s.level0[..], &s.words[..]),
-            None => (pack.level0()?, pack.words()?),
+        let words = match &self.some {
+            Some(s) => &s.words[..],
+            None => pack.words()?,
         };
-        Ok(Pieces { level0, words, places: Some(&self.places) })
+        Ok(Pieces { words, places: Some(&self.places) })
     }
 
     /// The pack's number of a usable piece.
