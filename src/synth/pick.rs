@@ -135,10 +135,7 @@ impl Usable {
         let numbers: Vec<u32> =
             (0..pieces.len() as u32).filter(|&i| wanted[pieces[i as usize].clip as usize]).collect();
         let words = pack.words()?;
-        let selection = Selection {
-            words: numbers.iter().map(|&i| words[i as usize]).collect(),
-            numbers,
-        };
+        let selection = Selection { words: numbers.iter().map(|&i| words[i as usize]).collect(), numbers };
         let places = selection.numbers.iter().map(|&i| place(pack, &pieces[i as usize])).collect();
         Ok((!selection.numbers.is_empty()).then_some(Self { some: Some(selection), places }))
     }
