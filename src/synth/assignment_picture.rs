@@ -7,7 +7,7 @@ use crate::render::layout::{Layout, STRIDE};
 /// Colour of clip number `clip` among those of a picture: hues spread by the golden angle, in pairs light and dark.
 pub fn colour(clip: usize) -> [u8; 3] {
     let hue = (clip as f32 * 0.381_966 + 0.55).fract() * 6.0;
-    let value = if clip % 2 == 0 { 235.0 } else { 165.0 };
+    let value = if clip.is_multiple_of(2) { 235.0 } else { 165.0 };
     [5.0f32, 3.0, 1.0].map(|n| {
         let k = (n + hue) % 6.0;
         (value * (1.0 - 0.85 * k.min(4.0 - k).clamp(0.0, 1.0))) as u8
