@@ -131,8 +131,8 @@ impl AtomicFolder {
     pub fn create(path: &Path, ours: fn(&str) -> bool) -> Result<Self> {
         // Without a trailing slash the parent and the name are what they seem.
         let target: PathBuf = path.components().collect();
-        check_replaceable(&target, ours)?;
         let temporary = temporary_neighbour(&target)?;
+        check_replaceable(&target, ours)?;
         fs::create_dir(&temporary).map_err(|e| unwritable(&target, e))?;
         Ok(Self { temporary, target, ours, committed: false })
     }
@@ -209,8 +209,9 @@ fn temporary_neighbour(path: &Path) -> Result<PathBuf> {
     };
     let folder = parent(path);
     if !folder.is_dir() {
-        let problem = format!("the folder {} does not exist", folder.display());
-        return Err(Error::file(Kind::Io, path, problem).remedy("make it first, or write elsewhere"));
+        let what = if folder.exists() { "is not a folder" } else { "does not exist" };
+        let problem = format!("the folder {} {what}", folder.display());
+        return Err(Error::file(Kind::Io, path, problem).remedy("make that folder first, or write elsewhere"));
     }
     let name = name.to_string_lossy();
     let cut = (0..=name.len().min(NAME_BYTES)).rev().find(|&i| name.is_char_boundary(i)).unwrap_or(0);
