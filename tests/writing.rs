@@ -8,7 +8,7 @@ use enliven::base::par;
 use enliven::base::rng;
 use enliven::raster::image::Rgb8;
 use enliven::raster::picture_io::read_picture;
-use enliven::video::clip::{Matrix, Range, Sink};
+use enliven::video::clip::{Matrix, Range};
 use enliven::video::sink::{self, FrameRate, SinkOptions};
 use enliven::video::yuv;
 use proptest::prelude::*;
