@@ -36,7 +36,7 @@ impl Workshop {
         let folder = output.with_file_name(format!("{}.build", name.to_string_lossy()));
         // A build that ends removes its folder; whoever came between opening and locking the file starts again.
         for _ in 0..10 {
-            fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
+            make(&folder)?;
             let lock = lock(&folder)?;
             if is_same(&lock, &folder.join(LOCK)) {
                 let workshop = Self { folder, output: output.to_path_buf(), _lock: lock };
@@ -112,6 +112,18 @@ impl Workshop {
         // Fails, harmlessly, when somebody keeps other files in it.
         let _ = fs::remove_dir(&self.folder);
         Ok(())
+    }
+}
+
+/// Makes the folder unless it is there; its parent must be.
+fn make(folder: &Path) -> Result<()> {
+    match fs::create_dir(folder) {
+        Err(e) if e.kind() == std::io::ErrorKind::NotFound => {
+            Err(Error::file(Kind::Io, folder, "cannot be made: the folder it belongs into does not exist")
+                .remedy("make it first, or write elsewhere"))
+        }
+        Err(e) if e.kind() != std::io::ErrorKind::AlreadyExists => Err(Error::io(folder, "make the folder", e)),
+        _ => Ok(()),
     }
 }
 
