@@ -45,8 +45,9 @@ impl Reporting {
     fn reached(&self) {
         println!("{REACHED}");
         std::io::stdout().flush().unwrap();
-        while self.hold {
-            std::thread::sleep(Duration::from_secs(1));
+        if self.hold {
+            // Killed long before this ends.
+            std::thread::sleep(Duration::from_secs(600));
         }
     }
 }
