@@ -1,5 +1,6 @@
 //! `enliven-db`: builds libraries of fluid clips, and shows what is in them.
 
+mod build;
 mod gallery;
 mod inspect;
 mod verify;
@@ -22,6 +23,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Build(build::Build),
     Inspect(inspect::Inspect),
     Verify(verify::Verify),
     Gallery(gallery::Gallery),
@@ -30,6 +32,7 @@ enum Command {
 fn run(cli: &Cli) -> Result<()> {
     let terminal = cli.common.start()?;
     match &cli.command {
+        Command::Build(command) => command.run(&terminal),
         Command::Inspect(command) => command.run(),
         Command::Verify(command) => command.run(&terminal),
         Command::Gallery(command) => command.run(&terminal),
