@@ -127,7 +127,7 @@ fn run() -> Result<()> {
     })?;
     let pack = Pack::open(path.as_ref())?;
     let vocabulary = pack.vocabulary()?;
-    let pieces = Pieces { level0: pack.level0()?, words: pack.words()?, places: None };
+    let pieces = Pieces { words: pack.words()?, places: None };
     println!("{} clips, {} pieces", pack.clips().len(), pack.piece_count());
     println!("{:18} {:>8} {:>8} | {:>8} {:>8} {:>10}", "clip", "asked", "first", "squares", "found", "unrotated");
     let (mut mean, mut sharp) = (Tally::default(), Tally::default());
