@@ -5,6 +5,7 @@ pub mod bars;
 pub mod clock;
 pub mod repeats;
 
+use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 
 use bars::{Bars, Crop};
@@ -94,6 +95,22 @@ struct Look {
     period: f64,
 }
 
+/// A frame that waits until the frames after it tell whether it is a duplicate.
+struct Waiting {
+    image: Rgb8,
+    luma: Vec<u8>,
+    time_ns: u64,
+    /// Difference from the source's frame before it; infinite for the first.
+    step: f32,
+}
+
+/// The frame kept last.
+struct Kept {
+    luma: Vec<u8>,
+    time_ns: u64,
+    step: f32,
+}
+
 /// A clip in the library's form, read frame by frame.
 pub struct Conformed {
     path: PathBuf,
@@ -102,8 +119,8 @@ pub struct Conformed {
     scaler: Scaler,
     same: f32,
     clock: Clock<Rgb8>,
-    /// Luma and presentation time of the frame kept last.
-    kept: Option<(Vec<u8>, u64)>,
+    waiting: VecDeque<Waiting>,
+    kept: Option<Kept>,
     /// Duplicates since.
     removed: usize,
     first_ns: u64,
@@ -150,6 +167,7 @@ impl Conformed {
             scaler: Scaler::new(look.size.0, look.size.1, window),
             same: look.same,
             clock: Clock::new(options.rate, options.stretch, look.period),
+            waiting: VecDeque::new(),
             kept: None,
             removed: 0,
             first_ns: 0,
@@ -182,6 +200,7 @@ impl Conformed {
             }
             if self.over || self.failure.is_some() {
                 self.over = true;
+                while self.sort_out() {}
                 self.clock.finish();
             }
         }
@@ -209,18 +228,33 @@ impl Conformed {
         self.report.frames_read += 1;
         let image = self.scaler.apply(frame);
         let luma = repeats::luma(&image);
-        if let Some((before, _)) = &self.kept
-            && self.options.remove_duplicates
-            && repeats::difference(before, &luma, image.width) < self.same
-        {
+        let before = self.waiting.back().map(|w| &w.luma);
+        let step = before.map_or(f32::INFINITY, |b| repeats::difference(b, &luma, image.width));
+        self.waiting.push_back(Waiting { image, luma, time_ns: frame.time_ns, step });
+        if self.waiting.len() > repeats::AHEAD {
+            self.sort_out();
+        }
+        Ok(())
+    }
+
+    /// Decides whether the frame that waits longest is a duplicate, and hands it on if not; `false` when none waits.
+    fn sort_out(&mut self) -> bool {
+        let Some(frame) = self.waiting.pop_front() else { return false };
+        let after = self.waiting.iter().map(|w| w.step);
+        let same = self.options.remove_duplicates
+            && self.kept.as_ref().is_some_and(|kept| {
+                repeats::difference(&kept.luma, &frame.luma, frame.image.width) < self.same
+                    || repeats::is_dip(frame.step, kept.step, after)
+            });
+        if same {
             self.removed += 1;
             self.report.duplicates_removed += 1;
-            return Ok(());
+            return true;
         }
-        let before = self.kept.as_ref().map_or(frame.time_ns, |(_, time)| *time);
-        self.clock.push(image, seconds(before, frame.time_ns), std::mem::take(&mut self.removed));
-        self.kept = Some((luma, frame.time_ns));
-        Ok(())
+        let before = self.kept.as_ref().map_or(frame.time_ns, |kept| kept.time_ns);
+        self.clock.push(frame.image, seconds(before, frame.time_ns), std::mem::take(&mut self.removed));
+        self.kept = Some(Kept { luma: frame.luma, time_ns: frame.time_ns, step: frame.step });
+        true
     }
 
     fn complete(&mut self) {

@@ -12,6 +12,19 @@ const THRESHOLD: std::ops::RangeInclusive<f32> = 0.25..=2.0;
 /// Part of the clip's typical difference below which a frame counts as the same as the one before.
 const SHARE: f32 = 0.1;
 
+/// A frame is also a duplicate when its difference is a *dip*: below this share of the differences on either side.
+/// Duplicates coded anew carry noise that no fixed threshold tells from slow motion, but motion does not stop for one
+/// frame.
+const DIP: f32 = 0.22;
+/// Frames that must be known after a frame to tell a dip: two duplicates in a row still end in a full difference.
+pub const AHEAD: usize = 2;
+
+/// Whether `here` is a dip between the difference of the frame kept last and those of the next [`AHEAD`] frames; the
+/// clip's last frame has none after it.
+pub fn is_dip(here: f32, before: f32, after: impl Iterator<Item = f32>) -> bool {
+    here < DIP * before.min(after.take(AHEAD).reduce(f32::max).unwrap_or(before))
+}
+
 /// Luma of an image, 8 bits.
 pub fn luma(image: &Rgb8) -> Vec<u8> {
     let weigh = |p: &[u8]| ((54 * u16::from(p[0]) + 183 * u16::from(p[1]) + 19 * u16::from(p[2]) + 128) >> 8) as u8;
@@ -58,6 +71,16 @@ mod tests {
         (0..8).for_each(|i| b[20 * 100 + 40 + i] = 200);
         assert!(difference(&a, &b, 100) > 4.0);
         assert_eq!(difference(&a, &a, 100), 0.0);
+    }
+
+    #[test]
+    fn dips_are_told_from_calm() {
+        let dip = |here, before, after: [f32; 2]| is_dip(here, before, after.into_iter());
+        assert!(dip(3.0, 24.0, [22.0, 25.0]));
+        assert!(dip(3.0, 24.0, [1.0, 25.0]));
+        assert!(!dip(3.0, 24.0, [3.1, 2.9]));
+        assert!(!dip(3.0, 3.0, [24.0, 24.0]));
+        assert!(is_dip(0.5, 9.0, std::iter::empty()));
     }
 
     #[test]
