@@ -324,7 +324,7 @@ fn mutated_files_do_no_harm() {
             // Headers matter most: half of the hits go to the first kilobyte.
             for hit in 0..1 + round % 4 {
                 let h = hash(round, &[hit]);
-                let span = if h % 2 == 0 { damaged.len().min(1024) } else { damaged.len() };
+                let span = if h.is_multiple_of(2) { damaged.len().min(1024) } else { damaged.len() };
                 let at = below(hash(h, &[1]), span as u64) as usize;
                 damaged[at] = [0, 255, damaged[at] ^ 1 << (h >> 8 & 7), (h >> 16) as u8][(h >> 32) as usize % 4];
             }
