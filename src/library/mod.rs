@@ -7,6 +7,8 @@ pub mod assemble;
 pub mod build;
 pub mod estimate;
 pub mod features;
+pub mod camera;
+pub mod changes;
 pub mod format;
 pub mod frames;
 pub mod grid;
