@@ -299,6 +299,9 @@ fn steadiest(blocks: &[Block]) -> Option<Group> {
     groups.min_by(|a, b| extent(&a.path).total_cmp(&extent(&b.path)))
 }
 
+/// A position from the centre of the picture, and its displacement.
+type Shifted = ([f32; 2], [f32; 2]);
+
 /// Displacement `shift + turn · (position from the centre)`, positions and turn as complex numbers.
 #[derive(Debug, Clone, Copy, Default)]
 struct Similarity {
@@ -313,9 +316,9 @@ impl Similarity {
     }
 
     /// Least squares over (position, displacement).
-    fn fit(pairs: &[([f32; 2], [f32; 2])]) -> Self {
+    fn fit(pairs: &[Shifted]) -> Self {
         let n = pairs.len().max(1) as f32;
-        let mean = |f: &dyn Fn(&([f32; 2], [f32; 2])) -> f32| pairs.iter().map(f).sum::<f32>() / n;
+        let mean = |f: &dyn Fn(&Shifted) -> f32| pairs.iter().map(f).sum::<f32>() / n;
         let (p, d) = ([mean(&|q| q.0[0]), mean(&|q| q.0[1])], [mean(&|q| q.1[0]), mean(&|q| q.1[1])]);
         let (mut re, mut im, mut square) = (0.0, 0.0, 1e-6);
         for (q, e) in pairs {
