@@ -59,7 +59,7 @@ fn distances(a: &Tile, b: &Tile, below: bool) -> Option<[f32; 3]> {
         for k in 0..PIECE_CELLS {
             let index = |near: usize| if below { near * PIECE_CELLS + k } else { k * PIECE_CELLS + near };
             let (p, q) = (&a.cells[index(HALF + i)], &b.cells[index(i)]);
-            if p.significant.to_f32() >= MOVING && q.significant.to_f32() >= MOVING {
+            if counts(p) && counts(q) {
                 let d = cell_distances(p, q);
                 sums.iter_mut().zip(d).for_each(|(s, d)| *s += d);
                 count += 1;
@@ -70,14 +70,34 @@ fn distances(a: &Tile, b: &Tile, below: bool) -> Option<[f32; 3]> {
 }
 
 fn cell_distances(p: &Cell, q: &Cell) -> [f32; 3] {
-    let square = |v: f32| v * v;
-    let dc = (0..2).map(|i| square(p.mean[i].to_f32() - q.mean[i].to_f32())).sum();
+    let (p, q) = (features(p), features(q));
+    let distance = |range: std::ops::Range<usize>| range.map(|i| (p[i] - q[i]) * (p[i] - q[i])).sum();
+    [distance(DC), distance(AC), distance(TEXTURE)]
+}
+
+/// Where the mean motion lies in [`features`].
+pub const DC: std::ops::Range<usize> = 0..2;
+/// Where the spectrum lies in [`features`].
+pub const AC: std::ops::Range<usize> = 2..2 + BANDS;
+/// Where the textureness lies in [`features`].
+pub const TEXTURE: std::ops::Range<usize> = AC.end..FEATURES;
+/// Number of [`features`].
+pub const FEATURES: usize = 2 + BANDS + TEXTURE_LEVELS;
+
+/// What the three distances compare: mean motion (pixels per frame), log₂ of the power per band, log₂ of the
+/// textureness per level; power and textureness have a small floor added before the logarithm.
+pub fn features(cell: &Cell) -> [f32; FEATURES] {
     let log = |v: half::f16, floor: f32| log2(v.to_f32().max(0.0) + floor);
-    let ac = (0..BANDS).map(|i| square(log(p.spectrum[i], POWER_FLOOR) - log(q.spectrum[i], POWER_FLOOR))).sum();
-    let texture = (0..TEXTURE_LEVELS)
-        .map(|i| square(log(p.textureness[i], TEXTURE_FLOOR) - log(q.textureness[i], TEXTURE_FLOOR)))
-        .sum();
-    [dc, ac, texture]
+    let mut out = [0.0; FEATURES];
+    out[DC].iter_mut().zip(cell.mean).for_each(|(o, v)| *o = v.to_f32());
+    out[AC].iter_mut().zip(cell.spectrum).for_each(|(o, v)| *o = log(v, POWER_FLOOR));
+    out[TEXTURE].iter_mut().zip(cell.textureness).for_each(|(o, v)| *o = log(v, TEXTURE_FLOOR));
+    out
+}
+
+/// Whether a cell counts in the distances: most of its pixels move significantly.
+pub fn counts(cell: &Cell) -> bool {
+    cell.significant.to_f32() >= MOVING
 }
 
 /// log₂ of a positive normal number to about 1e-4, by plain sums and products: the library's own may differ in the last
