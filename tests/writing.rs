@@ -8,8 +8,9 @@ use enliven::base::par;
 use enliven::base::rng;
 use enliven::raster::image::Rgb8;
 use enliven::raster::picture_io::read_picture;
-use enliven::video::clip::{Matrix, Range};
+use enliven::video::clip::{ClipInfo, Matrix, Pixels, Range, RawFrame, Turn};
 use enliven::video::sink::{self, FrameRate, SinkOptions};
+use enliven::video::source;
 use enliven::video::yuv;
 use proptest::prelude::*;
 
@@ -366,5 +367,36 @@ proptest! {
         let decoded = decode_gif(&gif).0;
         prop_assert_eq!(decoded.len(), count);
         prop_assert_eq!((decoded[0].width, decoded[0].height), (width, height));
+    }
+}
+
+/// Frames and times in nanoseconds, as our own reader gives them.
+fn read_back(path: &Path) -> (Vec<RawFrame>, ClipInfo) {
+    let mut source = source::open(path).unwrap();
+    let frames = std::iter::from_fn(|| source.next_frame().unwrap()).collect();
+    (frames, source.info().clone())
+}
+
+#[test]
+fn our_own_reader_reads_what_we_write() {
+    let folder = tempfile::tempdir().unwrap();
+    let frames: Vec<Rgb8> = (0..30).map(|t| grainy(96, 64, t)).collect();
+    for (name, tagged) in [("a.mp4", Matrix::Bt709), ("a.y4m", Matrix::Bt601)] {
+        let path = folder.path().join(name);
+        write(&path, &frames, 29.97);
+        let (read, info) = read_back(&path);
+        assert_eq!((read.len(), info.width, info.height, info.turn), (30, 96, 64, Turn::None), "{name}");
+        for (t, (out, frame)) in read.iter().zip(&frames).enumerate() {
+            assert!(out.time_ns.abs_diff(t as u64 * 1_001_000_000 / 30) < 1000, "{name} {t}: {}", out.time_ns);
+            let Pixels::Yuv { planes, matrix, range, .. } = &out.pixels else { panic!("{name}: not Y'CbCr") };
+            assert_eq!((*matrix, *range), (tagged, Range::Limited), "{name}");
+            let sent = yuv::from_rgb8(frame, tagged, Range::Limited);
+            assert!(planes.iter().zip(&sent).all(|(a, b)| psnr(a, b) > 40.0), "{name} {t}");
+        }
+    }
+    for name in ["a.gif", "frames"] {
+        let path = folder.path().join(name);
+        write(&path, &frames, 25.0);
+        assert_eq!(read_back(&path).0.len(), 30, "{name}");
     }
 }

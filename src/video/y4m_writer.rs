@@ -1,20 +1,18 @@
 //! Y4M: uncompressed 4:2:0 frames with one text line of header, to pipe into other programs.
 //!
-//! Y4M cannot name its colour matrix. Frames are BT.601 below 720 lines and BT.709 from there on, which is what readers
-//! assume, in limited range (told by `XCOLORRANGE`), chroma sited left (`C420mpeg2`).
+//! Y4M cannot name its colour matrix. Frames have the one that readers, ours among them, assume for their size
+//! ([`Colour::resolve`]), in limited range (told by `XCOLORRANGE`), chroma sited left (`C420mpeg2`).
 
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use super::clip::{Matrix, Range, Sink};
+use super::clip::Sink;
+use super::h264::Colour;
 use super::sink::{SinkOptions, check_frame};
 use super::yuv;
 use crate::base::atomic_file::AtomicFile;
 use crate::base::error::{Error, Kind, Result};
 use crate::raster::image::Rgb8;
-
-/// Lines from which readers assume BT.709.
-const HIGH_DEFINITION: usize = 720;
 
 /// Writes Y4M to a file or to standard output.
 #[derive(Debug)]
@@ -74,9 +72,9 @@ impl Y4mWriter {
 impl Sink for Y4mWriter {
     fn push(&mut self, frame: &Rgb8) -> Result<()> {
         check_frame(&self.path, frame, self.options)?;
-        let matrix = if frame.height >= HIGH_DEFINITION { Matrix::Bt709 } else { Matrix::Bt601 };
+        let (matrix, range) = Colour::default().resolve(frame.width, frame.height);
         self.write(b"FRAME\n")?;
-        for plane in yuv::from_rgb8(frame, matrix, Range::Limited) {
+        for plane in yuv::from_rgb8(frame, matrix, range) {
             self.write(&plane)?;
         }
         self.frames += 1;
