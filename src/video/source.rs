@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use super::clip::Source;
+use super::clip::{ClipInfo, RawFrame, Source};
 use super::{animation, avi, ffmpeg, folder, mp4, webm, y4m};
 use crate::base::error::{Error, Kind, Result};
 
@@ -96,7 +96,7 @@ pub fn open_with(path: &Path, decoder: Decoder) -> Result<Box<dyn Source>> {
     };
     match Format::of(&head) {
         Format::Mp4 => match mp4::open(path)? {
-            mp4::Content::Clip(clip) => Ok(clip),
+            mp4::Content::Clip(clip) => begun(clip, decoder, path),
             mp4::Content::Other(what) => through_ffmpeg(&what),
         },
         Format::Avi => match avi::open(path)? {
@@ -104,7 +104,7 @@ pub fn open_with(path: &Path, decoder: Decoder) -> Result<Box<dyn Source>> {
             avi::Content::Other(what) => through_ffmpeg(&what),
         },
         Format::Matroska => match webm::open(path)? {
-            webm::Content::Clip(clip) => Ok(clip),
+            webm::Content::Clip(clip) => begun(clip, decoder, path),
             webm::Content::Other(what) => through_ffmpeg(&what),
         },
         Format::Gif | Format::Png | Format::WebP => Ok(Box::new(animation::open(path)?)),
@@ -117,6 +117,35 @@ pub fn open_with(path: &Path, decoder: Decoder) -> Result<Box<dyn Source>> {
         Format::Unknown if decoder == Decoder::Auto && ffmpeg::available() => through_ffmpeg("this file"),
         Format::Unknown => Err(unknown(path)),
     }
+}
+
+/// A clip whose first frame has been decoded already.
+struct Begun {
+    source: Box<dyn Source>,
+    first: Option<Result<Option<RawFrame>>>,
+}
+
+impl Source for Begun {
+    fn info(&self) -> &ClipInfo {
+        self.source.info()
+    }
+
+    fn next_frame(&mut self) -> Result<Option<RawFrame>> {
+        self.first.take().unwrap_or_else(|| self.source.next_frame())
+    }
+}
+
+/// Some of what the embedded decoders lack (interlaced H.264, say) shows only in the first frame: that is decoded here,
+/// so that ffmpeg can take over.
+fn begun(mut source: Box<dyn Source>, decoder: Decoder, path: &Path) -> Result<Box<dyn Source>> {
+    if decoder != Decoder::Auto || !ffmpeg::available() {
+        return Ok(source);
+    }
+    let first = source.next_frame();
+    if first.as_ref().is_err_and(|error| error.kind() == Kind::Unsupported) {
+        return Ok(Box::new(ffmpeg::open(path, &source.info().codec)?));
+    }
+    Ok(Box::new(Begun { source, first: Some(first) }))
 }
 
 fn unknown(path: &Path) -> Error {
