@@ -2,9 +2,13 @@
 //!
 //! A descriptor has 4 × 4 spatial bins of 4 px and 8 orientations, and no rotation normalisation. All descriptors of an
 //! image share the histograms of its 4-px cells: a cell's histogram is computed once, with the triangular weight of
-//! half-width 4 px that bilinear interpolation between bins amounts to, and a descriptor gathers 16 of them. (The
-//! triangles reach 2 px beyond the 16 × 16 support, with weights of at most 3/8.) Lowe's Gaussian window (σ = 8 px) is
-//! applied per bin.
+//! half-width 4 px that bilinear interpolation between bins amounts to, and a descriptor gathers 16 of them. Lowe's
+//! Gaussian window (σ = 8 px) is applied per bin.
+//!
+//! SIFT bins are three times as wide as the scale σ at which gradients are measured, so the image is smoothed first, with
+//! a binomial kernel of σ = √2 px. It matters: on steady real clips, nodes of a single sharp frame find their place
+//! among the mean images for 91 % of the nodes with it and for 82 % without. Triangles, gradients and smoothing reach 7
+//! px beyond the 16 × 16 support, with little weight.
 //!
 //! A gradient is split between its two neighbouring orientations by exact vector decomposition, `g = α e + β f` with `e`
 //! on an axis and `f` on a diagonal: `α = |gx| − |gy|`, `β = √2 |gy|` where `|gx| ≥ |gy|`. No angle, no root, no
@@ -21,7 +25,8 @@ pub const STEP: usize = 4;
 pub const DIMENSIONS: usize = 128;
 /// Grid points along a side of a 48 × 48 piece: centres 8, 12, …, 40.
 pub const PIECE_POINTS: usize = 9;
-/// Points of lower contrast get the flat word: mean gradient over the support, luma per pixel (half a grey level of 255).
+/// Points of lower contrast get the flat word: mean gradient of the smoothed image over the support, luma per pixel
+/// (half a grey level of 255).
 pub const FLAT_CONTRAST: f32 = 0.5 / 255.0;
 
 /// Orientations of a bin; orientation `o` points to `o · 45°` in image axes (0 right, 2 down).
@@ -32,6 +37,8 @@ const BINS: usize = 4;
 const LANES: usize = 16;
 /// Gaussian window (σ = 8 px) at 6 and 2 px from the centre: exp(−36/128), exp(−4/128).
 const WINDOW: [f32; BINS] = [0.754_839_6, 0.969_233_2, 0.969_233_2, 0.754_839_6];
+/// Reach of the smoothing kernel to either side, in pixels.
+const REACH: usize = 4;
 /// Quantised descriptors have about this Euclidean norm (Lowe's 512).
 const NORM: f32 = 512.0;
 /// Lowe's clamp of 0.2 lies at this value of the intermediate integers.
@@ -48,7 +55,7 @@ pub struct DescriptorGrid {
     pub height: usize,
     /// `width * height` descriptors of [`DIMENSIONS`] bytes, Euclidean norm about 512.
     pub data: Vec<u8>,
-    /// Mean gradient over each point's support, luma per pixel.
+    /// Mean gradient of the smoothed image over each point's support, luma per pixel.
     pub contrast: Vec<f32>,
 }
 
@@ -78,7 +85,7 @@ pub fn describe(luma: &Plane) -> DescriptorGrid {
     if cells_wide < BINS || cells_high < BINS {
         return DescriptorGrid::default();
     }
-    let cells = cell_histograms(luma);
+    let cells = cell_histograms(&smoothed(luma));
     let sums: Vec<CellSums> = cells.iter().map(CellSums::of).collect();
     let (width, height) = (cells_wide + 1 - BINS, cells_high + 1 - BINS);
     let mut grid = DescriptorGrid { width, height, data: Vec::new(), contrast: Vec::new() };
@@ -109,6 +116,33 @@ impl CellSums {
     fn of(cell: &Cell) -> Self {
         let fold = |v: [f32; ORIENTATIONS]| ((v[0] + v[4]) + (v[1] + v[3])) + ((v[5] + v[7]) + (v[2] + v[6]));
         Self { energy: fold(cell.map(|v| v * v)), mass: fold(*cell) }
+    }
+}
+
+/// The image after the binomial kernel of 9 taps in x and y, borders clamped.
+fn smoothed(luma: &Plane) -> Plane {
+    let (width, height) = (luma.width, luma.height);
+    let mut out = Plane::zeros(width, height);
+    let mut padded = vec![0.0; width + 2 * REACH];
+    for y in 0..height {
+        let rows = std::array::from_fn(|t| luma.row((y + t).saturating_sub(REACH).min(height - 1)));
+        let (left, rest) = padded.split_at_mut(REACH);
+        let (middle, right) = rest.split_at_mut(width);
+        smooth(rows, middle);
+        left.fill(middle[0]);
+        right.fill(middle[width - 1]);
+        smooth(std::array::from_fn(|t| &padded[t..t + width]), out.row_mut(y));
+    }
+    out
+}
+
+/// Weighted sum of nine rows; symmetric taps are added first, so a mirrored image gives the same bits.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn smooth(rows: [&[f32]; 2 * REACH + 1], out: &mut [f32]) {
+    let [a, b, c, d, e, f, g, h, i] = rows.map(|row| &row[..out.len()]);
+    for x in 0..out.len() {
+        let inner = (70.0 * e[x] + 56.0 * (d[x] + f[x])) + 28.0 * (c[x] + g[x]);
+        out[x] = (inner + (8.0 * (b[x] + h[x]) + (a[x] + i[x]))) * (1.0 / 256.0);
     }
 }
 
@@ -294,6 +328,7 @@ mod tests {
     fn agrees_with_the_definition() {
         let luma = noise(36, 28, 3);
         let grid = describe(&luma);
+        let luma = smoothed(&luma);
         assert_eq!((grid.width, grid.height), (6, 4));
         for (i, j) in [(0, 0), (2, 1), (5, 3), (3, 3)] {
             let expected = by_definition(&luma, i, j);
@@ -301,6 +336,20 @@ mod tests {
                 assert!((f64::from(got) - want).abs() <= 1.0, "point {i},{j} entry {k}: {got} for {want}");
             }
         }
+    }
+
+    #[test]
+    fn smoothing_spreads_an_impulse_binomially() {
+        let mut impulse = Plane::zeros(20, 16);
+        *impulse.at_mut(9, 8) = 1.0;
+        let spread = smoothed(&impulse);
+        let taps = [1.0, 8.0, 28.0, 56.0, 70.0, 56.0, 28.0, 8.0, 1.0];
+        let tap = |d: usize| taps.get(d).copied().unwrap_or(0.0) / 256.0;
+        for (i, &value) in spread.data.iter().enumerate() {
+            let expected: f32 = tap((i % 20).wrapping_sub(5)) * tap((i / 20).wrapping_sub(4));
+            assert!((value - expected).abs() < 1e-7, "{i}: {value} for {expected}");
+        }
+        assert!(smoothed(&Plane::filled(16, 17, 0.3)).data.iter().all(|v| (v - 0.3).abs() < 1e-6));
     }
 
     #[test]
@@ -325,8 +374,8 @@ mod tests {
         let piece = Plane::from_fn(48, 48, |x, y| luma.at(x + 20, y + 12));
         let (whole, cut) = (describe(&luma), describe(&piece));
         assert_eq!((cut.width, cut.height), (PIECE_POINTS, PIECE_POINTS));
-        for j in 1..8 {
-            for i in 1..8 {
+        for j in 2..7 {
+            for i in 2..7 {
                 assert_eq!(cut.at(i, j), whole.at(i + 5, j + 3), "inner point {i},{j}");
             }
         }
