@@ -75,8 +75,11 @@ struct Place {
     aligned: bool,
 }
 
-/// Places and descriptors of one variant of one clip.
-fn cut(clips: &[Clip], clip: usize, variant: Variant) -> (DescriptorGrid, Vec<(usize, usize, Place)>) {
+/// Descriptors of one variant of one clip, and its pieces: corner and place.
+type Cut = (DescriptorGrid, Vec<(usize, usize, Place)>);
+
+/// Cuts one variant of one clip.
+fn cut(clips: &[Clip], clip: usize, variant: Variant) -> Cut {
     let (canvas, geometry) = seen(&clips[clip].mean, variant);
     let (deviation, _) = seen(&clips[clip].deviation, variant);
     let mut places = Vec::new();
@@ -131,7 +134,7 @@ fn main() -> Result<()> {
 }
 
 /// At most about a quarter of a million descriptors with contrast.
-fn sample(cuts: &[(DescriptorGrid, Vec<(usize, usize, Place)>)]) -> Vec<u8> {
+fn sample(cuts: &[Cut]) -> Vec<u8> {
     let total: usize = cuts.iter().map(|(grid, _)| grid.contrast.len()).sum();
     let every = total.div_ceil(1 << 18);
     let chosen = |grid: &DescriptorGrid| -> Vec<u8> {
