@@ -119,7 +119,7 @@ impl Segment {
     /// # Errors
     /// When it is missing, damaged, or of another version.
     pub fn open(path: &Path) -> Result<Self> {
-        Self::from_store(Store::open(path, Access::Map)?)
+        Self::from_store(Store::open(path, Access::MapOnly)?)
     }
 
     /// A segment from bytes in memory.

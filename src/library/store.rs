@@ -50,10 +50,12 @@ pub enum Access {
     Map,
     /// Read into memory as a whole (`--no-mmap`): safe on file systems where files change under a map.
     Read,
+    /// Memory-mapped without keeping the file open or locked: for files in a folder that is locked itself.
+    MapOnly,
 }
 
 enum Backing {
-    Map(memmap2::Mmap, File),
+    Map(memmap2::Mmap, Option<File>),
     Memory(Arc<AlignedBytes>),
 }
 
@@ -86,12 +88,13 @@ impl Store {
         }
         lock_shared(&file, path)?;
         let backing = match access {
-            Access::Map => {
+            Access::Map | Access::MapOnly => {
                 // SAFETY: the map is read-only and private to this store; packs are immutable files that writers
                 // replace by rename and never change in place, a shared lock tells other programs so, every block is
                 // compared with its checksum before use, and only plain-old-data types are viewed through the map.
                 let map = unsafe { memmap2::Mmap::map(&file) };
-                Backing::Map(map.map_err(|e| Error::io(path, "map", e))?, file)
+                let map = map.map_err(|e| Error::io(path, "map", e))?;
+                Backing::Map(map, (access == Access::Map).then_some(file))
             }
             Access::Read => Backing::Memory(Arc::new(read_all(&file, path, info.len())?)),
         };
@@ -140,7 +143,7 @@ impl Store {
     /// # Errors
     /// [`Kind::Data`] when the file's length changed.
     pub fn check_length(&self) -> Result<()> {
-        if let Backing::Map(_, file) = &self.backing {
+        if let Backing::Map(_, Some(file)) = &self.backing {
             let length = file.metadata().map_err(|e| Error::io(&self.path, "read", e))?.len();
             if length != self.header.length {
                 let problem = format!("was changed while in use: {length} bytes instead of {}", self.header.length);
