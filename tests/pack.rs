@@ -112,9 +112,6 @@ fn tables(clips: u64) -> Tables {
         metadata: Metadata { clips: metas, normalizers: Normalizers { dc: 0.5, ac: 2.0, texture: 3.0 } },
         vocabulary: Vocabulary::from_centers((0..8).flat_map(|i| [i as u8; 128]).collect()).unwrap(),
         pieces,
-        level0: (0..n)
-            .map(|i| std::array::from_fn(|b| (0..81).filter(|&p| usize::from(word(i, p)) == b).count() as u8))
-            .collect(),
         words: (0..n).map(|i| std::array::from_fn(|p| word(i, p))).collect(),
     }
 }
@@ -141,7 +138,6 @@ fn what_is_written_is_read_back() {
     assert_eq!(*pack.parameters(), parameters());
     assert_eq!(pack.normalizers().ac, 2.0);
     assert_eq!(pack.pieces().unwrap(), tables.pieces);
-    assert_eq!(pack.level0().unwrap(), tables.level0);
     assert_eq!(pack.words().unwrap(), tables.words);
     assert_eq!(pack.vocabulary().unwrap(), tables.vocabulary);
     for clip in 0..3u32 {
@@ -345,7 +341,7 @@ fn forged_packs_do_not_panic() {
         for clip in 0..pack.clips().len() as u32 {
             let _ = (pack.average(clip).is_ok(), pack.frame(clip, 33).is_ok(), pack.grid(clip, 2).is_ok());
         }
-        let _ = (pack.vocabulary().is_ok(), pack.level0().is_ok(), pack.words().is_ok());
+        let _ = (pack.vocabulary().is_ok(), pack.words().is_ok());
         if verify(&pack, &Silent).is_err() { [0, 1, 0] } else { [0, 0, 1] }
     });
     let count = |k: usize| outcomes.iter().map(|o| o[k]).sum::<u32>();
@@ -368,7 +364,7 @@ fn files_are_mapped_or_read() {
     file.set_len(std::fs::metadata(&path).unwrap().len() + 1).unwrap();
     let error = pack.check_length().unwrap_err();
     assert!(error.to_string().contains("changed while in use"), "{error}");
-    assert!(pack.level0().is_err(), "blocks not yet checked are not read from a file that changed");
+    assert!(pack.words().is_err(), "blocks not yet checked are not read from a file that changed");
     let error = Pack::open(&folder.path().join("none.pack")).map(|_| ()).unwrap_err();
     assert!(error.to_string().contains("enliven-db build"), "{error}");
     assert_eq!(Pack::open(folder.path()).map(|_| ()).unwrap_err().kind(), Kind::Data);

@@ -1,8 +1,10 @@
 //! One clip of a build: read, judged, analysed and kept as a segment, in one streamed pass.
 
 use std::io::BufWriter;
+use std::ops::Range;
 use std::path::Path;
 
+use super::acceptance;
 use super::analyse::analyse;
 use super::build::{Options, RATE};
 use super::piece::ClipId;
@@ -24,10 +26,15 @@ pub enum Analysed {
     Refused(String),
 }
 
+/// Name of the stage in which a clip is judged.
+pub const JUDGE: &str = "judge";
 /// Name of the stage of frames read and compressed; one step is a frame.
 pub const DECODE: &str = "decode";
 
-/// Analyses the clip at `path` and writes its segment to `target`. `mask` excludes other moving objects (white = use).
+/// Judges and analyses the clip at `path` and writes its segment to `target`. `mask` excludes other moving objects
+/// (white = use). A clip with a fault that leaves a long enough stretch is used in that stretch, with a note.
+///
+/// The clip is read twice: judging costs little beside the analysis, which a clip that cannot serve is spared.
 ///
 /// # Errors
 /// When the clip or the mask cannot be read, the segment cannot be written, or the run was cancelled.
@@ -44,30 +51,63 @@ pub fn run(
     let mut clip = Conformed::open(path, &conform)?;
     let size = clip.report().working;
     let mask = mask.map(|mask| read_mask(mask, clip.report())).transpose()?;
-    let parameters = options.parameters();
+    let judgement =
+        observe::stage(observer, JUDGE, 0, || acceptance::inspect(&mut || clip.next_frame(), size, observer))?;
+    let mut meta = SegmentMeta { id, width: 0, height: 0, frames: 0, refusal: None, notes: notes(clip.report()) };
+    let faults = judgement.reasons.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
+    let Some(range) = judgement.usable else {
+        return refuse(faults, meta, target, options);
+    };
+    if !faults.is_empty() {
+        meta.notes.push(format!("only frames {} to {} are used: {faults}", range.start, range.end));
+    }
+    let clip = Conformed::open(path, &conform)?;
+    (meta.width, meta.height) = (size.0 as u32, size.1 as u32);
+    match keep(clip, range, mask.as_ref(), meta.clone(), target, options, observer) {
+        // The frames are sound, but they cannot serve.
+        Err(error) if error.kind() == Kind::Unusable => refuse(error.to_string(), meta, target, options),
+        other => other.map(|()| Analysed::Segment),
+    }
+}
+
+/// Analyses a stretch of a clip and writes its segment.
+fn keep(
+    mut clip: Conformed,
+    range: Range<usize>,
+    mask: Option<&Plane>,
+    mut meta: SegmentMeta,
+    target: &Path,
+    options: &Options,
+    observer: &dyn Observer,
+) -> Result<()> {
+    let size = clip.report().working;
     let file = BufWriter::with_capacity(1 << 20, AtomicFile::create(target)?);
-    let mut writer = SegmentWriter::new(file, target, parameters, size.0)?;
-    let analysis = observe::stage(observer, DECODE, 0, || {
-        analyse(&mut || clip.next_frame(), size, mask.as_ref(), observer, &mut |frame| {
+    let mut writer = SegmentWriter::new(file, target, options.parameters(), size.0)?;
+    let mut number = 0;
+    let mut frames = || {
+        while number < range.start && clip.next_frame()?.is_some() {
+            number += 1;
+        }
+        number += 1;
+        if number > range.end { Ok(None) } else { clip.next_frame() }
+    };
+    let analysis = observe::stage(observer, DECODE, range.len() as u64, || {
+        analyse(&mut frames, size, mask, observer, &mut |frame| {
             writer.push(frame)?;
             observer.advance(DECODE, 1);
             Ok(())
         })
-    });
-    let mut meta = SegmentMeta { id, width: 0, height: 0, frames: 0, refusal: None, notes: notes(clip.report()) };
-    let analysis = match analysis {
-        // The frames are sound, but they cannot serve: the next run need not look again.
-        Err(error) if error.kind() == Kind::Unusable => {
-            let reason = error.to_string();
-            meta.refusal = Some(reason.clone());
-            commit(write_refusal(BufWriter::new(AtomicFile::create(target)?), target, parameters, &meta)?, target)?;
-            return Ok(Analysed::Refused(reason));
-        }
-        other => other?,
-    };
-    (meta.width, meta.height, meta.frames) = (size.0 as u32, size.1 as u32, writer.frames() as u32);
-    commit(writer.finish(&meta, &analysis.average.planes, &analysis.grids)?, target)?;
-    Ok(Analysed::Segment)
+    })?;
+    meta.frames = writer.frames() as u32;
+    commit(writer.finish(&meta, &analysis.average.planes, &analysis.grids)?, target)
+}
+
+/// Keeps the reason why a clip cannot serve, so that the next run need not look again.
+fn refuse(reason: String, meta: SegmentMeta, target: &Path, options: &Options) -> Result<Analysed> {
+    let meta = SegmentMeta { width: 0, height: 0, refusal: Some(reason.clone()), ..meta };
+    let file = BufWriter::new(AtomicFile::create(target)?);
+    commit(write_refusal(file, target, options.parameters(), &meta)?, target)?;
+    Ok(Analysed::Refused(reason))
 }
 
 fn commit(file: BufWriter<AtomicFile>, target: &Path) -> Result<()> {

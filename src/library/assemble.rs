@@ -6,7 +6,7 @@ use std::path::Path;
 use super::format::{Parameters, section};
 use super::grid::Cell;
 use super::metadata::Metadata;
-use super::reader::{FrameEntry, LEVEL0_BYTES, Piece};
+use super::reader::{FrameEntry, Piece};
 use super::segment::Segment;
 use super::writer::Writer;
 use crate::base::error::Result;
@@ -25,8 +25,6 @@ pub struct Tables {
     pub vocabulary: Vocabulary,
     /// Pieces, ordered by their stable names.
     pub pieces: Vec<Piece>,
-    /// Level-0 histograms, by piece.
-    pub level0: Vec<[u8; LEVEL0_BYTES]>,
     /// Word numbers, by piece.
     pub words: Vec<[u8; PIECE_WORDS]>,
 }
@@ -53,8 +51,6 @@ pub fn assemble<W: Write + Seek>(
     writer.write(tables.vocabulary.centers())?;
     writer.begin(section::PIECES, size_of::<Piece>())?;
     writer.write(bytemuck::cast_slice(&tables.pieces))?;
-    writer.begin(section::LEVEL0, LEVEL0_BYTES)?;
-    writer.write(bytemuck::cast_slice(&tables.level0))?;
     writer.begin(section::WORDS, PIECE_WORDS)?;
     writer.write(bytemuck::cast_slice(&tables.words))?;
     writer.begin(section::AVERAGES, 2)?;

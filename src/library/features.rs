@@ -7,7 +7,7 @@ use super::metadata::{ClipMeta, Metadata, PieceCounts};
 use super::normalizers::{self, Normalizers};
 use super::piece::ClipId;
 use super::pieces::{Cut, Cutting, Levels};
-use super::reader::{LEVEL0_BYTES, Piece};
+use super::reader::Piece;
 use super::segment::Segment;
 use super::tile::Tile;
 use super::variant::Variant;
@@ -15,7 +15,6 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::{par, rng};
 use crate::descriptor::dense_sift::{DIMENSIONS, DescriptorGrid};
-use crate::descriptor::spatial_pyramid;
 use crate::descriptor::vocabulary::{PIECE_WORDS, Vocabulary};
 
 /// Descriptors the vocabulary is learnt from, about.
@@ -52,11 +51,10 @@ pub fn compute(segments: &[Segment], options: &Options, observer: &dyn Observer)
         let vocabulary = Vocabulary::train(&samples, options.words as usize, SEED, observer)?;
         drop(samples);
         let words = each_indexed(segments, observer, |i, segment| words(segment, &cuts[i], &vocabulary))?.concat();
-        let level0: Vec<[u8; LEVEL0_BYTES]> = par::map(words.len(), |i| spatial_pyramid::level0(&words[i]));
         let normalizers = normalize(segments, &pieces)?;
         let parameters = Parameters { words: vocabulary.len() as u32, ..options.parameters() };
         let metadata = Metadata { clips: describe(segments, &cuts, &options.tag), normalizers };
-        Ok(Tables { parameters, metadata, vocabulary, pieces, level0, words })
+        Ok(Tables { parameters, metadata, vocabulary, pieces, words })
     })
 }
 

@@ -49,8 +49,6 @@ pub mod section {
     pub const VOCABULARY: SectionId = *b"vocab\0\0\0";
     /// Piece records, rows of 16 bytes.
     pub const PIECES: SectionId = *b"pieces\0\0";
-    /// Level-0 histograms, rows of 256 bytes.
-    pub const LEVEL0: SectionId = *b"level0\0\0";
     /// Word numbers, rows of 81 bytes.
     pub const WORDS: SectionId = *b"words\0\0\0";
     /// Average images, `u16`, three planes a clip.
@@ -64,7 +62,7 @@ pub mod section {
     /// What an unfinished build keeps of a clip; only in segments, never in a pack.
     pub const SEGMENT: SectionId = *b"segment\0";
     /// Those of a pack, in the order they are written.
-    pub const ALL: [SectionId; 9] = [META, VOCABULARY, PIECES, LEVEL0, WORDS, AVERAGES, CELLS, FRAME_INDEX, FRAMES];
+    pub const ALL: [SectionId; 8] = [META, VOCABULARY, PIECES, WORDS, AVERAGES, CELLS, FRAME_INDEX, FRAMES];
 }
 
 /// What the features of a pack were computed with; two packs with different parameters do not mix.

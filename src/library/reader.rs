@@ -19,9 +19,6 @@ use crate::descriptor::dense_sift::DIMENSIONS;
 use crate::descriptor::vocabulary::{PIECE_WORDS, Vocabulary};
 use crate::raster::image::{Color, Plane, Rgb8, Srgb};
 
-/// Bytes of a level-0 row.
-pub const LEVEL0_BYTES: usize = 256;
-
 /// A piece as the pack stores it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
@@ -76,7 +73,6 @@ struct ClipPlace {
 struct Sections {
     vocabulary: Section,
     pieces: Section,
-    level0: Section,
     words: Section,
     averages: Section,
     cells: Section,
@@ -127,7 +123,6 @@ impl Pack {
         let sections = Sections {
             vocabulary: find(section::VOCABULARY, DIMENSIONS)?,
             pieces: find(section::PIECES, size_of::<Piece>())?,
-            level0: find(section::LEVEL0, LEVEL0_BYTES)?,
             words: find(section::WORDS, PIECE_WORDS)?,
             averages: find(section::AVERAGES, 2)?,
             cells: find(section::CELLS, size_of::<Cell>())?,
@@ -204,14 +199,6 @@ impl Pack {
         let piece = self.piece(ix)?;
         let clip = self.clips()[piece.clip as usize].id;
         Ok(PieceRef { clip, variant: piece.variant(), x: piece.x, y: piece.y })
-    }
-
-    /// Level-0 histograms, one row of 256 counts per piece.
-    ///
-    /// # Errors
-    /// When their section is damaged.
-    pub fn level0(&self) -> Result<&[[u8; LEVEL0_BYTES]]> {
-        self.table(&self.sections.level0)
     }
 
     /// Word numbers of the 9 × 9 points, row by row, one row of 81 per piece.
@@ -391,7 +378,6 @@ impl Sections {
         let expected = [
             (&self.vocabulary, u64::from(parameters.words)),
             (&self.pieces, pieces),
-            (&self.level0, pieces),
             (&self.words, pieces),
             (&self.averages, average),
             (&self.cells, cell),
