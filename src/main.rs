@@ -1,3 +1,38 @@
-//! `enliven`: animates a picture.
+//! `enliven`: animates a still picture of water, fire or smoke.
 
-fn main() {}
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+use enliven::base::error::Result;
+use enliven::cli::common::{Common, exit};
+use enliven::cli::{animate, demo, methods};
+
+/// Bring a still picture of water, fire or smoke to life.
+#[derive(Parser)]
+#[command(version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Demo(demo::Demo),
+    Animate(animate::Animate),
+    Methods(methods::Methods),
+}
+
+fn run(cli: &Cli) -> Result<()> {
+    let terminal = cli.common.start()?;
+    match &cli.command {
+        Command::Demo(command) => command.run(&terminal),
+        Command::Animate(command) => command.run(&terminal),
+        Command::Methods(command) => command.run(),
+    }
+}
+
+fn main() -> ExitCode {
+    exit(run(&Cli::parse()))
+}

@@ -1,10 +1,24 @@
 //! `enliven animate`: a picture, a folder or a scene file to a looping video.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::Observer;
+use crate::raster::image::Rgb8;
+use crate::raster::picture_io::write_png;
+use crate::report::contact_sheet::{contact_sheet, spread};
 use crate::scene::file::{SceneFile, set};
-use crate::scene::scene;
+use crate::scene::scene::{self, Scene};
+use crate::synth;
+use crate::synth::record::RunRecord;
+use crate::video::clip::Sink;
+use crate::video::sink::{self, FrameRate, SinkOptions};
+
+/// Frames on a contact sheet.
+const SHEET_FRAMES: usize = 12;
+/// Widest contact sheet in pixels.
+const SHEET_WIDTH: usize = 1920;
 
 /// Animate a picture: its fluid moves, the rest stays as it is.
 #[derive(Debug, Clone, clap::Args)]
@@ -50,6 +64,9 @@ pub struct Animate {
     /// Video (.mp4, .gif, .y4m) or a name without extension for a folder of PNG frames; - is y4m on standard output
     #[arg(short, long)]
     pub output: PathBuf,
+    /// Folder for a contact sheet, the picture of which clip went where, and the summary of the run
+    #[arg(long, value_name = "DIR")]
+    pub report: Option<PathBuf>,
     /// Print the summary of the run as JSON
     #[arg(long)]
     pub json: bool,
@@ -91,4 +108,89 @@ impl Animate {
         self.set.iter().try_for_each(|text| set(&mut file, text))?;
         Ok(file)
     }
+}
+
+impl Animate {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// Bad input, by name; a full disk; an interruption.
+    pub fn run(&self, observer: &dyn Observer) -> Result<()> {
+        let record = animate(self.settings()?, &self.output, self.report.as_deref(), observer)?;
+        if self.json {
+            println!("{}", to_json(&record)?);
+        } else {
+            observer.note(&format!("{}: {:.1} s", self.output.display(), record.seconds));
+        }
+        Ok(())
+    }
+}
+
+/// Passes frames on and keeps some of them for the contact sheet.
+struct Collector {
+    inner: Box<dyn Sink>,
+    wanted: Vec<usize>,
+    next: usize,
+    kept: Vec<Rgb8>,
+}
+
+impl Sink for Collector {
+    fn push(&mut self, frame: &Rgb8) -> Result<()> {
+        if self.wanted.contains(&self.next) {
+            self.kept.push(frame.clone());
+        }
+        self.next += 1;
+        self.inner.push(frame)
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        self.inner.finish()
+    }
+}
+
+/// Animates a scene to `output`; beside it the scene it ran (`.scene.toml`) and its summary (`.summary.json`). With
+/// `report`, a folder, also the contact sheet and the pictures that explain the run.
+///
+/// # Errors
+/// Bad input, by name; a full disk; an interruption. Nothing half-written stays.
+pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: &dyn Observer) -> Result<RunRecord> {
+    let mut scene = Scene::new(file)?;
+    synth::resolve(&mut scene)?;
+    sink::check_writable(output)?;
+    let to_stdout = output == Path::new("-");
+    let settings = scene.settings().output;
+    let (width, height) = scene.frame_map().output;
+    let rate = FrameRate::new(f64::from(settings.fps))?;
+    let inner = sink::create(output, SinkOptions { width, height, rate, loops: true })?;
+    let wanted = if report.is_some() { spread(settings.frames, SHEET_FRAMES) } else { Vec::new() };
+    let mut collector = Box::new(Collector { inner, wanted, next: 0, kept: Vec::new() });
+    let outcome = synth::run(&scene, &mut *collector, observer)?;
+    let frames = std::mem::take(&mut collector.kept);
+    collector.finish()?;
+    if !to_stdout {
+        let folder = output.parent().unwrap_or(Path::new(""));
+        atomic_file::write(&beside(output, "scene.toml"), scene.to_toml(folder)?.as_bytes())?;
+        atomic_file::write(&beside(output, "summary.json"), to_json(&outcome.record)?.as_bytes())?;
+    }
+    if let Some(folder) = report {
+        std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
+        write_png(&folder.join("contact-sheet.png"), &contact_sheet(&frames, 4, SHEET_WIDTH))?;
+        for (name, picture) in &outcome.pictures {
+            write_png(&folder.join(name).with_extension("png"), picture)?;
+        }
+        atomic_file::write(&folder.join("summary.json"), to_json(&outcome.record)?.as_bytes())?;
+    }
+    Ok(outcome.record)
+}
+
+/// `falls.mp4` and `scene.toml` to `falls.scene.toml`.
+fn beside(output: &Path, what: &str) -> PathBuf {
+    let mut name = output.file_stem().unwrap_or_default().to_os_string();
+    name.push(".");
+    name.push(what);
+    output.with_file_name(name)
+}
+
+fn to_json(record: &RunRecord) -> Result<String> {
+    serde_json::to_string_pretty(record).map_err(|e| Error::new(Kind::Data, "summary", e.to_string()))
 }

@@ -2,3 +2,5 @@
 
 pub mod animate;
 pub mod common;
+pub mod demo;
+pub mod methods;

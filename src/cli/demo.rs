@@ -1,0 +1,99 @@
+//! `enliven demo`: the whole line on the embedded fixtures, clips to library to moving pictures.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use crate::base::atomic_file;
+use crate::base::error::{Error, Result};
+use crate::base::observe::Observer;
+use crate::cli::animate::animate;
+use crate::cli::common::{bytes, duration};
+use crate::library::build::{Options, build};
+use crate::scene::scene;
+
+/// The fixtures, by their path below `fixtures/`, inside the program: the demo runs wherever the program is.
+macro_rules! fixtures {
+    ($($path:literal),* $(,)?) => {
+        &[$(($path, include_bytes!(concat!(env!("CARGO_MANIFEST_DIR"), "/fixtures/", $path)))),*]
+    };
+}
+
+const FIXTURES: &[(&str, &[u8])] = fixtures![
+    "README.md",
+    "clips/fire/flames.mp4",
+    "clips/smoke/plume.mp4",
+    "clips/water/rapids.mp4",
+    "clips/water/waterfall.mp4",
+    "pictures/campfire.clean.png",
+    "pictures/campfire.matte.png",
+    "pictures/campfire.png",
+    "pictures/falls.matte.png",
+    "pictures/falls.png",
+    "pictures/stream.jpg",
+    "pictures/stream.matte.png",
+    "scenes/falls/scene.toml",
+    "scenes/fire/scene.toml",
+    "scenes/stream/scene.toml",
+];
+
+/// Libraries: name, folder of clips.
+const LIBRARIES: [(&str, &str); 2] = [("water", "clips/water"), ("fire", "clips/fire")];
+/// Scenes: name, library.
+const SCENES: [(&str, &str); 3] = [("falls", "water"), ("stream", "water"), ("fire", "fire")];
+/// Distance of pieces in the demo's libraries: its clips are small.
+const STRIDE: u32 = 16;
+
+/// Build small libraries from the program's own clips and animate three pictures with them.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Demo {
+    /// Folder to write to
+    #[arg(short, long, default_value = "enliven-demo")]
+    output: PathBuf,
+}
+
+impl Demo {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// A folder that cannot be written to, a full disk, an interruption.
+    pub fn run(&self, observer: &dyn Observer) -> Result<()> {
+        let start = Instant::now();
+        let input = self.output.join("input");
+        unpack(&input)?;
+        for (name, clips) in LIBRARIES {
+            let pack = self.output.join(name).with_extension("pack");
+            let options = Options { tag: name.to_owned(), stride: STRIDE, ..Options::default() };
+            let report = build(&[input.join(clips)], &pack, &options, observer)?;
+            println!(
+                "{}: {} clips, {} pieces, {}",
+                pack.display(),
+                report.accepted.len(),
+                report.pieces,
+                bytes(report.bytes)
+            );
+        }
+        for (name, library) in SCENES {
+            let mut file = scene::open(&input.join("scenes").join(name))?;
+            file.library = vec![self.output.join(library).with_extension("pack")];
+            let video = self.output.join(name).with_extension("mp4");
+            let record = animate(file, &video, Some(&self.output.join(name)), observer)?;
+            println!("{}: {} frames in {}", video.display(), record.scene.output.frames, duration(record.seconds));
+        }
+        println!(
+            "all in {}; look at {} and the contact sheets beside the videos",
+            duration(start.elapsed().as_secs_f64()),
+            self.output.join("falls.mp4").display()
+        );
+        Ok(())
+    }
+}
+
+fn unpack(folder: &Path) -> Result<()> {
+    for (path, content) in FIXTURES {
+        let target = folder.join(path);
+        let parent = target.parent().unwrap_or(folder);
+        std::fs::create_dir_all(parent).map_err(|e| Error::io(parent, "make the folder", e))?;
+        atomic_file::write(&target, content)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,51 @@
+//! `enliven methods`: the registry with every option.
+
+use serde_json::json;
+
+use crate::base::error::Result;
+use crate::synth::{MethodEntry, REGISTRY};
+
+/// List the methods and all their options.
+#[derive(Debug, Clone, clap::Args)]
+pub struct Methods {
+    /// Print as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Methods {
+    /// Runs the command.
+    ///
+    /// # Errors
+    /// None today.
+    pub fn run(&self) -> Result<()> {
+        if self.json {
+            println!("{}", REGISTRY.iter().map(as_json).collect::<serde_json::Value>());
+        } else {
+            REGISTRY.iter().for_each(print);
+        }
+        Ok(())
+    }
+}
+
+fn print(method: &MethodEntry) {
+    println!("{}: {}\n  {}", method.name, method.summary, method.citation);
+    for option in (method.options)() {
+        let (low, high) = option.range;
+        println!(
+            "  --set {}.{}={}   {} to {} {}\n      {} ({})",
+            method.name, option.name, option.default, low, high, option.unit, option.doc, option.section
+        );
+    }
+}
+
+fn as_json(method: &MethodEntry) -> serde_json::Value {
+    let options: Vec<_> = (method.options)()
+        .iter()
+        .map(|o| {
+            json!({ "name": o.name, "doc": o.doc, "unit": o.unit, "range": [o.range.0, o.range.1],
+                "default": o.default, "section": o.section })
+        })
+        .collect();
+    json!({ "name": method.name, "summary": method.summary, "citation": method.citation, "options": options })
+}
