@@ -20,7 +20,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Demo(demo::Demo),
-    Animate(animate::Animate),
+    Animate(Box<animate::Animate>),
     Methods(methods::Methods),
 }
 
