@@ -26,6 +26,11 @@ pub fn add(a: Light, b: Light) -> Light {
     [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
 }
 
+/// Product.
+pub fn tint(a: Light, b: Light) -> Light {
+    [a[0] * b[0], a[1] * b[1], a[2] * b[2]]
+}
+
 /// A picture in linear light; sizes in samples, positions in final pixels.
 #[derive(Clone)]
 pub struct Canvas {

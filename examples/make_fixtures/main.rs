@@ -83,10 +83,10 @@ fn flames(out: &Path) -> Result<()> {
 
 fn plume(out: &Path) -> Result<()> {
     let scene = smoke::clip_scene();
-    let sky = smoke::dusk(&scene);
+    let rock = smoke::rock_face(&scene);
     let mut smoking = smoke::Smoking::started(&scene, 180);
     write_clip(&out.join("clips/smoke/plume.mp4"), |_| {
-        let mut canvas = sky.clone();
+        let mut canvas = rock.clone();
         smoking.draw(&mut canvas);
         smoking.advance();
         canvas.develop(1.0)

@@ -2,8 +2,9 @@
 
 use enliven::base::par;
 
-use super::canvas::{Canvas, add, blend, dim};
+use super::canvas::{Canvas, add, blend, dim, tint};
 use super::fluid::Gas;
+use super::land::{LIMESTONE, Relief, broken};
 use super::noise::{fbm2, noise2, noise3};
 use super::numeric::{exp, mix, step};
 
@@ -135,12 +136,14 @@ fn puff(plume: &Plume, gas: &mut Gas, sheet: u32, time: f32, dt: f32) {
     }
 }
 
-/// The night sky behind the plume.
-pub fn dusk(plume: &Plume) -> Canvas {
-    let mut canvas = Canvas::black(plume.width, plume.height);
-    canvas.paint(|_, y, _| {
+/// The rock face behind the plume, at dusk: something that stands still, so that motion estimators and camera checks
+/// have what to hold on to.
+pub fn rock_face(plume: &Plume) -> Canvas {
+    let rise = |x: f32, y: f32| broken(plume.seed ^ 0x66, x, y, 26.0);
+    let mut canvas = Relief::new(plume.width, plume.height, plume.seed, rise, |_, _| 0.0).shade(LIMESTONE);
+    canvas.paint(|_, y, rock| {
         let down = y / plume.height as f32;
-        blend([0.006, 0.009, 0.016], [0.016, 0.019, 0.024], down)
+        blend(tint(rock, [0.10, 0.13, 0.18]), tint(rock, [0.17, 0.17, 0.18]), down)
     });
     canvas
 }
