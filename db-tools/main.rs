@@ -3,6 +3,7 @@
 mod build;
 mod gallery;
 mod inspect;
+mod scan;
 mod verify;
 
 use std::process::ExitCode;
@@ -23,6 +24,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Scan(scan::Scan),
     Build(build::Build),
     Inspect(inspect::Inspect),
     Verify(verify::Verify),
@@ -32,6 +34,7 @@ enum Command {
 fn run(cli: &Cli) -> Result<()> {
     let terminal = cli.common.start()?;
     match &cli.command {
+        Command::Scan(command) => command.run(&terminal),
         Command::Build(command) => command.run(&terminal),
         Command::Inspect(command) => command.run(),
         Command::Verify(command) => command.run(&terminal),

@@ -6,14 +6,9 @@ use std::path::Path;
 
 use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::Silent;
-use enliven::library::acceptance::{self, Camera, Reason, Report};
-use enliven::video::conform::{ConformOptions, Conformed};
-
-fn judge(path: &Path) -> Result<Report> {
-    let mut clip = Conformed::open(path, &ConformOptions::default())?;
-    let size = clip.report().working;
-    acceptance::inspect(&mut || clip.next_frame(), size, &Silent)
-}
+use enliven::library::acceptance::{Camera, Reason, Report};
+use enliven::library::build::Options;
+use enliven::library::scan::{Judged, judge};
 
 /// Whether the judgement of the camera agrees with the column; "small drift" agrees with either, given a number.
 fn agrees(column: &str, report: &Report) -> bool {
@@ -55,8 +50,8 @@ fn main() -> Result<()> {
             return Err(Error::file(Kind::Data, &table, "a row with fewer than two columns"));
         };
         clips += 1;
-        match judge(&root.join(file)) {
-            Ok(report) => {
+        match judge(&root.join(file), &Options::default(), &Silent) {
+            Ok(Judged { report, .. }) => {
                 let agrees = agrees(column, &report);
                 agreements += usize::from(agrees);
                 println!("{file} | {column} | {} | {}", line(&report), if agrees { "yes" } else { "NO" });

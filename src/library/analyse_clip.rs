@@ -4,10 +4,10 @@ use std::io::BufWriter;
 use std::ops::Range;
 use std::path::Path;
 
-use super::acceptance;
 use super::analyse::analyse;
 use super::build::{Options, RATE};
 use super::piece::ClipId;
+use super::scan::{Judged, conform_options, judge};
 use super::segment::{SegmentMeta, SegmentWriter, write_refusal};
 use crate::base::atomic_file::AtomicFile;
 use crate::base::error::{Error, Kind, Result};
@@ -15,7 +15,7 @@ use crate::base::observe::{self, Observer};
 use crate::raster::image::Plane;
 use crate::raster::{picture_io, resample};
 use crate::video::clip::Turn;
-use crate::video::conform::{ConformOptions, ConformReport, Conformed};
+use crate::video::conform::{ConformReport, Conformed};
 
 /// What became of a clip.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -46,14 +46,10 @@ pub fn run(
     options: &Options,
     observer: &dyn Observer,
 ) -> Result<Analysed> {
-    let conform =
-        ConformOptions { rate: f64::from(RATE), long_side: options.working as usize, ..ConformOptions::default() };
-    let mut clip = Conformed::open(path, &conform)?;
-    let size = clip.report().working;
-    let mask = mask.map(|mask| read_mask(mask, clip.report())).transpose()?;
-    let judgement =
-        observe::stage(observer, JUDGE, 0, || acceptance::inspect(&mut || clip.next_frame(), size, observer))?;
-    let mut meta = SegmentMeta { id, width: 0, height: 0, frames: 0, refusal: None, notes: notes(clip.report()) };
+    let Judged { conform, report: judgement } = observe::stage(observer, JUDGE, 0, || judge(path, options, observer))?;
+    let size = conform.working;
+    let mask = mask.map(|mask| read_mask(mask, &conform)).transpose()?;
+    let mut meta = SegmentMeta { id, width: 0, height: 0, frames: 0, refusal: None, notes: notes(&conform) };
     let faults = judgement.reasons.iter().map(ToString::to_string).collect::<Vec<_>>().join("; ");
     let Some(range) = judgement.usable else {
         return refuse(faults, meta, target, options);
@@ -61,7 +57,7 @@ pub fn run(
     if !faults.is_empty() {
         meta.notes.push(format!("only frames {} to {} are used: {faults}", range.start, range.end));
     }
-    let clip = Conformed::open(path, &conform)?;
+    let clip = Conformed::open(path, &conform_options(options))?;
     (meta.width, meta.height) = (size.0 as u32, size.1 as u32);
     match keep(clip, range, mask.as_ref(), meta.clone(), target, options, observer) {
         // The frames are sound, but they cannot serve.

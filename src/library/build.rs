@@ -16,6 +16,7 @@ use super::format::{FEATURES, Parameters};
 use super::grid::Cell;
 use super::inputs;
 use super::piece::ClipId;
+use super::scan::reason;
 use super::segment::Segment;
 use super::variant::{CELL, PIECE};
 use super::workshop::Workshop;
@@ -248,7 +249,7 @@ fn one_clip(
     });
     let (id, mask, mask_hash) = match identified {
         Ok(found) => found,
-        Err(error) => return Ok(Outcome::Refused(reason(&error, path))),
+        Err(error) => return Ok(Outcome::Refused(reason(&error))),
     };
     if seen.contains(&id) {
         observer.note(&format!("{} is the same clip as one before; it is used once", path.display()));
@@ -263,7 +264,7 @@ fn one_clip(
         Ok(Analysed::Segment) => Ok(from_segment(Segment::open(&target)?, false)),
         Ok(Analysed::Refused(reason)) => Ok(Outcome::Refused(reason)),
         Err(error) if is_ours(&error, workshop) => Err(error),
-        Err(error) => Ok(Outcome::Refused(reason(&error, path))),
+        Err(error) => Ok(Outcome::Refused(reason(&error))),
     }
 }
 
@@ -277,12 +278,6 @@ fn from_segment(segment: Segment, resumed: bool) -> Outcome {
 /// True for failures of the build itself, rather than of a clip.
 fn is_ours(error: &Error, workshop: &Workshop) -> bool {
     matches!(error.kind(), Kind::Interrupted | Kind::Limit) || workshop.concerns(error)
-}
-
-/// An error about `path`, without the path.
-fn reason(error: &Error, path: &Path) -> String {
-    let text = error.to_string();
-    text.strip_prefix(&format!("{}: ", path.display())).map_or(text.clone(), str::to_owned)
 }
 
 /// Writes the pack whole or not at all; gives its length.

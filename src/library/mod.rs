@@ -18,6 +18,7 @@ pub mod normalizers;
 pub mod piece;
 pub mod pieces;
 pub mod reader;
+pub mod scan;
 pub mod segment;
 pub mod significance;
 pub mod statistics;
