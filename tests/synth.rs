@@ -1,0 +1,191 @@
+//! Every method of the registry: frame count and size, background untouched, the same bytes on any number of threads,
+//! cancel, and options named when they are wrong.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use enliven::base::error::{Error, Kind, Result};
+use enliven::base::observe::{Observer, Silent};
+use enliven::base::par;
+use enliven::library::build::build;
+use enliven::raster::image::{Plane, Rgb8};
+use enliven::raster::picture_io::{write_grey_png, write_png};
+use enliven::scene::scene::{Scene, open};
+use enliven::synth::{Outcome, REGISTRY, run};
+use enliven::video::clip::Sink;
+
+/// Keeps the frames.
+#[derive(Default)]
+struct Keep(Vec<Rgb8>);
+
+impl Sink for Keep {
+    fn push(&mut self, frame: &Rgb8) -> Result<()> {
+        self.0.push(frame.clone());
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        Ok(())
+    }
+}
+
+/// A folder with a small library, a picture and a matte whose left third is still.
+struct Stage {
+    folder: tempfile::TempDir,
+}
+
+const SIZE: (usize, usize) = (150, 110);
+
+fn picture() -> Rgb8 {
+    let data = (0..SIZE.0 * SIZE.1 * 3).map(|i| 40 + (i * i / 7 % 170) as u8).collect();
+    Rgb8 { width: SIZE.0, height: SIZE.1, data }
+}
+
+fn matte(x: usize) -> f32 {
+    if x < 50 { 0.0 } else { (x as f32 - 49.0).min(20.0) / 20.0 }
+}
+
+impl Stage {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let clips = common::write_clips(folder.path());
+        build(&clips, &folder.path().join("small.pack"), &common::options(), &Silent).unwrap();
+        write_png(&folder.path().join("p.png"), &picture()).unwrap();
+        write_grey_png(&folder.path().join("m.png"), &Plane::from_fn(SIZE.0, SIZE.1, |x, _| matte(x))).unwrap();
+        Self { folder }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn scene(&self, more: &str) -> Result<Scene> {
+        let text = format!("picture = 'p.png'\nmatte = 'm.png'\nlibrary = ['small.pack']\n{more}");
+        std::fs::write(self.path("scene.toml"), text).unwrap();
+        Scene::new(open(&self.path("scene.toml"))?)
+    }
+
+    fn run(&self, more: &str, observer: &dyn Observer) -> Result<(Vec<Rgb8>, Outcome)> {
+        let mut sink = Keep::default();
+        let outcome = run(&self.scene(more)?, &mut sink, observer)?;
+        Ok((sink.0, outcome))
+    }
+
+    fn error(&self, more: &str) -> Error {
+        self.run(more, &Silent).unwrap_err()
+    }
+}
+
+#[test]
+fn every_method_keeps_the_contract() {
+    let stage = Stage::new();
+    for method in REGISTRY {
+        let settings = format!("method = '{}'\n[output]\nframes = 24\n", method.name);
+        let once = |threads| par::with_threads(threads, || stage.run(&settings, &Silent)).unwrap().unwrap();
+        let (frames, outcome) = once(1);
+        assert_eq!(frames.len(), 24, "{}", method.name);
+        let original = picture();
+        for frame in &frames {
+            assert_eq!((frame.width, frame.height), SIZE);
+            for y in 0..SIZE.1 {
+                let still = y * SIZE.0 * 3..(y * SIZE.0 + 50) * 3;
+                assert_eq!(frame.data[still.clone()], original.data[still], "{}: background changed", method.name);
+            }
+        }
+        assert!(frames.windows(2).all(|pair| pair[0] != pair[1]), "{}: frozen frames", method.name);
+        let (again, other) = once(3);
+        assert!(frames == again, "{}: frames depend on the number of threads", method.name);
+        assert_eq!(outcome.record.assignment, other.record.assignment);
+        assert_eq!(outcome.pictures, other.pictures);
+    }
+}
+
+#[test]
+fn the_loop_closes_as_smoothly_as_it_goes_on() {
+    let stage = Stage::new();
+    let (frames, _) = stage.run("[output]\nframes = 32\n", &Silent).unwrap();
+    let step = |a: &Rgb8, b: &Rgb8| {
+        a.data.iter().zip(&b.data).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>()
+    };
+    let steps: Vec<f64> = (0..32).map(|t| step(&frames[t], &frames[(t + 1) % 32])).collect();
+    let typical = steps[..31].iter().sum::<f64>() / 31.0;
+    assert!(steps[31] < 2.0 * typical, "seam {} typical {typical}", steps[31]);
+}
+
+#[test]
+fn the_record_tells_what_is_needed_to_repeat_and_to_judge_the_run() {
+    let stage = Stage::new();
+    let (_, outcome) = stage.run("[output]\nframes = 8\n[database]\nshutter = 2\n", &Silent).unwrap();
+    let record = outcome.record;
+    assert_eq!(record.output_size, SIZE);
+    assert!(record.stages.iter().any(|s| s.name == "frames") && record.seconds > 0.0);
+    let assignment = record.assignment.as_ref().unwrap();
+    assert_eq!(assignment.clips.iter().map(|c| c.nodes).sum::<usize>(), assignment.nodes.len());
+    assert!((assignment.clips.iter().map(|c| c.share).sum::<f64>() - 1.0).abs() < 1e-9);
+    assert_eq!(record.scene.options["database"].len(), (REGISTRY[0].options)().len());
+    let json = serde_json::to_string(&record).unwrap();
+    assert_eq!(serde_json::from_str::<enliven::synth::record::RunRecord>(&json).unwrap(), record);
+    assert!(outcome.pictures.iter().any(|(name, picture)| *name == "assignment" && picture.width == SIZE.0));
+}
+
+/// Says stop after some frames.
+#[derive(Default)]
+struct Impatient(AtomicUsize);
+
+impl Observer for Impatient {
+    fn advance(&self, stage: &str, steps: u64) {
+        if stage == "frames" {
+            self.0.fetch_add(steps as usize, Ordering::Relaxed);
+        }
+    }
+
+    fn cancelled(&self) -> bool {
+        self.0.load(Ordering::Relaxed) >= 5
+    }
+}
+
+#[test]
+fn a_cancel_stops_the_run() {
+    let stage = Stage::new();
+    let error = stage.run("[output]\nframes = 500\n", &Impatient::default()).unwrap_err();
+    assert_eq!(error.kind(), Kind::Interrupted);
+}
+
+#[test]
+fn mistakes_are_named() {
+    let stage = Stage::new();
+    let contains = |more: &str, words: &str| {
+        let error = stage.error(more).to_string();
+        assert!(error.contains(words), "{error:?} should contain {words:?}");
+    };
+    contains("method = 'databse'", "no method \"databse\"");
+    contains("[databse]\nshutter = 1", "did you mean \"database\"?");
+    contains("[otput]\nframes = 1", "did you mean \"output\"?");
+    contains("[database]\nshuter = 1", "did you mean \"shutter\"?");
+    contains("[database]\nshutter = -1", "database.shutter: -1 is out of range");
+    contains("use = ['lava']", "no clip of the library is tagged lava (allowed: test)");
+    std::fs::write(stage.path("text.pack"), "not a pack").unwrap();
+    let scene = |library: &[&Path]| {
+        let mut file = open(&stage.path("p.png")).unwrap();
+        file.library = library.iter().map(|p| p.to_path_buf()).collect();
+        run(&Scene::new(file).unwrap(), &mut Keep::default(), &Silent).unwrap_err().to_string()
+    };
+    assert!(scene(&[]).contains("needs a library"));
+    assert!(scene(&[&stage.path("text.pack")]).contains("text.pack"));
+}
+
+#[test]
+fn two_libraries_and_a_direction_serve_too() {
+    let stage = Stage::new();
+    std::fs::copy(stage.path("small.pack"), stage.path("other.pack")).unwrap();
+    let mut file = open(&stage.path("scene.toml")).unwrap_or_else(|_| stage.scene("").unwrap().settings().clone());
+    file.library.push(stage.path("other.pack"));
+    file.motion.direction = Some(90.0);
+    file.output.frames = 6;
+    let mut sink = Keep::default();
+    let outcome = run(&Scene::new(file).unwrap(), &mut sink, &Silent).unwrap();
+    assert_eq!(sink.0.len(), 6);
+    assert!(outcome.record.assignment.is_some());
+}
