@@ -4,11 +4,13 @@ use std::collections::BTreeSet;
 
 use super::assignment_picture::{assignment_picture, colour};
 use super::footage::{Clip, Stream, bands_of, frame_bytes};
-use super::pick::{self, Choice, Labels};
+use super::pick::{self, Choice, LabelOptions, Labels};
 use super::record::{AssignmentRecord, ClipShare, NodeRecord, RunRecord, Timed};
 use super::{MethodEntry, Outcome, Sources, Synthesizer};
 use crate::assign::candidates;
+use crate::assign::energy::LAMBDA;
 use crate::assign::nodes::NodeGrid;
+use crate::assign::pair_costs::Weights;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer, stage};
 use crate::base::{par, rng};
@@ -37,6 +39,16 @@ declare_options! {
         candidates: usize = 100, in 1, 1000, "pieces", "Okabe 2011, §5.1";
         /// Most candidates from one place of one clip; 0 is no limit.
         per_place: usize = 0, in 0, 1000, "pieces", "methods §1.6";
+        /// Weight of the motion spectrum against the mean motion, between neighbours.
+        sigma: f32 = 1.0, in 0, 100, "ratio", "Okabe 2011, Eq. 3";
+        /// Weight of the textureness between neighbours.
+        rho: f32 = 1.0, in 0, 100, "ratio", "Okabe 2011, Eq. 2";
+        /// Weight of the smoothness term against the data term.
+        lambda: f32 = LAMBDA, in 0, 10, "ratio", "Okabe 2011, §5.3";
+        /// Weight of how rough picture and piece are, as part of the data term.
+        texture: f32 = 0.1, in 0, 10, "ratio", "methods §1.6";
+        /// Most sweeps over the nodes when labels are chosen.
+        sweeps: usize = 50, in 0, 10000, "sweeps", "Besag 1986";
         /// Exposure of the recovered average image: a streak is this many frames of motion long.
         shutter: f32 = 6.0, in 0, 100, "frames", "Okabe 2011, §6";
         /// Width of the Gaussian in the recovered average image, per speed.
@@ -93,7 +105,7 @@ impl Synthesizer for Database {
         let still = stage(observer, "read picture", 0, || scene.still(observer))?;
         let grid = NodeGrid::over(&still.working_matte, 0.02)?;
         let candidates = pick::candidates(&grid, &still, sources, scene, &self.search(), observer)?;
-        let labels = pick::labels(&grid, &candidates, sources, observer)?;
+        let labels = pick::labels(&grid, &still, &candidates, sources, &self.labelling(), observer)?;
         let placed = self.place(&grid, &labels.choices, &still, sources, scene)?;
         let clips = study(&placed, scene, sources, observer)?;
         let rendering = stage(observer, "prepare", 0, || self.prepare(&placed, &clips, &still))?;
@@ -105,6 +117,11 @@ impl Synthesizer for Database {
 impl Database {
     fn search(&self) -> candidates::Options {
         candidates::Options { count: self.options.candidates, per_place: self.options.per_place }
+    }
+
+    fn labelling(&self) -> LabelOptions {
+        let Options { sigma, rho, lambda, texture, sweeps, .. } = self.options;
+        LabelOptions { weights: Weights { sigma, rho }, lambda, texture, sweeps }
     }
 
     /// Puts the chosen pieces onto their nodes.
@@ -301,6 +318,7 @@ fn assignment(
         energy: labels.energy,
         data_only_energy: labels.data_only_energy,
         data_energy: labels.data_energy,
+        bound: labels.bound,
         history: labels.history.clone(),
         clips: shares,
         nodes: placed.layout.placements.iter().zip(&placed.choices).map(node).collect::<Result<_>>()?,

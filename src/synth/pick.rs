@@ -4,15 +4,22 @@ use std::collections::BTreeSet;
 
 use super::Sources;
 use crate::assign::candidates::{self, Candidates, Gate, Pieces};
-use crate::assign::nodes::NodeGrid;
+use crate::assign::energy::Problem;
+use crate::assign::icm::icm;
+use crate::assign::nodes::{Node, NodeGrid};
+use crate::assign::pair_costs::{Origin, Weights, pair_costs};
 use crate::base::error::{Error, Kind, Result};
-use crate::base::observe::Observer;
+use crate::base::observe::{Observer, stage};
 use crate::base::par;
 use crate::descriptor::dense_sift;
+use crate::descriptor::textureness::Textureness;
 use crate::descriptor::vocabulary::PIECE_WORDS;
+use crate::library::format::MAX_CLIPS;
+use crate::library::normalizers::Normalizers;
 use crate::library::piece::PieceIx;
 use crate::library::reader::{Pack, Piece};
-use crate::library::variant::PIECE;
+use crate::library::tile::Tile;
+use crate::library::variant::{PIECE, Variant};
 use crate::scene::scene::{Scene, Still};
 
 /// Side of the places that `per_place` counts, pixels of the clip.
@@ -49,7 +56,9 @@ pub struct Labels {
     pub data_only_energy: f64,
     /// Data terms within the energy.
     pub data_energy: f64,
-    /// Energy after each round.
+    /// A bound that no energy is below.
+    pub bound: f64,
+    /// Energy after each sweep.
     pub history: Vec<f64>,
 }
 
@@ -70,7 +79,7 @@ pub fn candidates(
     for (number, (path, pack)) in sources.packs.iter().enumerate() {
         let Some(usable) = Usable::of(pack, &scene.settings().tags)? else { continue };
         let words = pack.vocabulary()?.words(&described);
-        let word = |n: &crate::assign::nodes::Node| words.piece(n.x as usize, n.y as usize);
+        let word = |n: &Node| words.piece(n.x as usize, n.y as usize);
         let nodes: Option<Vec<[u8; PIECE_WORDS]>> = grid.nodes.iter().map(word).collect();
         let nodes = nodes.ok_or_else(|| Error::file(Kind::Data, path, "its grid of words does not fit the nodes"))?;
         let gate = scene.settings().motion.direction.map(|d| DirectionGate::new(pack, &usable, d)).transpose()?;
@@ -223,44 +232,97 @@ impl Gate for DirectionGate {
     }
 }
 
-/// Chooses one candidate per node.
+/// How labels are chosen.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LabelOptions {
+    /// Weights within the smoothness term.
+    pub weights: Weights,
+    /// Weight of the smoothness term.
+    pub lambda: f32,
+    /// Weight of the difference in textureness between picture and piece, as part of the data term.
+    pub texture: f32,
+    /// Sweeps over the nodes at most.
+    pub sweeps: usize,
+}
+
+/// Chooses one candidate per node, such that neighbours move alike (Okabe et al. 2011, §5).
 ///
 /// # Errors
-/// Damaged packs.
-pub fn labels(grid: &NodeGrid, candidates: &Choices, sources: &Sources, _observer: &dyn Observer) -> Result<Labels> {
-    let mut out = Labels::default();
-    let info = |c: &Choice| sources.packs[c.pack].1.piece(c.piece);
-    let key = |c: &Choice, n: usize| -> Result<(usize, u32, u8, i32, i32)> {
-        let p = info(c)?;
-        Ok((
-            c.pack,
-            p.clip,
-            p.variant_index(),
-            i32::from(p.x) - grid.nodes[n].x as i32,
-            i32::from(p.y) - grid.nodes[n].y as i32,
-        ))
+/// Damaged packs, too many pairs, a cancel.
+pub fn labels(
+    grid: &NodeGrid,
+    still: &Still,
+    choices: &Choices,
+    sources: &Sources,
+    options: &LabelOptions,
+    observer: &dyn Observer,
+) -> Result<Labels> {
+    let pack = |c: &Choice| &sources.packs[c.pack].1;
+    let tile = |entry: usize| pack(&choices.choices[entry]).tile(choices.choices[entry].piece);
+    let origins = choices.choices.iter().map(|c| origin(c, pack(c))).collect::<Result<Vec<_>>>()?;
+    let normalizers = common_normalizers(sources);
+    let Choices { offsets, data, .. } = choices;
+    let mut data = data.clone();
+    add_texture_term(grid, still, offsets, &mut data, &tile, options.texture)?;
+    let pairs = pair_costs(grid, offsets, &origins, tile, &normalizers, options.weights, observer)?;
+    let problem = Problem { offsets, data: &data, pairs: &pairs, lambda: options.lambda };
+    let solution = stage(observer, "labels", 0, || Ok(icm(&problem, options.sweeps)))?;
+    let chosen = |n: usize| choices.choices[offsets[n] + solution.labels[n] as usize];
+    Ok(Labels {
+        choices: (0..grid.nodes.len()).map(chosen).collect(),
+        data_only_energy: problem.energy(&problem.data_only()),
+        data_energy: problem.data_energy(&solution.labels),
+        energy: solution.energy,
+        bound: solution.bound,
+        history: solution.history,
+    })
+}
+
+fn origin(choice: &Choice, pack: &Pack) -> Result<Origin> {
+    let piece = pack.piece(choice.piece)?;
+    let clip = u32::try_from(choice.pack * MAX_CLIPS).unwrap_or(u32::MAX) + piece.clip;
+    let footage = clip * Variant::COUNT as u32 + u32::from(piece.variant_index());
+    Ok(Origin { footage, x: piece.x, y: piece.y })
+}
+
+/// Scales of the smoothness terms over all libraries: the means of their own.
+fn common_normalizers(sources: &Sources) -> Normalizers {
+    let mean = |of: fn(&Normalizers) -> f32| {
+        sources.packs.iter().map(|(_, p)| of(p.normalizers())).sum::<f32>() / sources.packs.len().max(1) as f32
     };
-    for n in 0..grid.nodes.len() {
-        let mut best = (f32::MAX, candidates.choices[candidates.offsets[n]]);
-        for e in candidates.offsets[n]..candidates.offsets[n + 1] {
-            let c = candidates.choices[e];
-            let k = key(&c, n)?;
-            let mut cost = candidates.data[e];
-            for edge in grid.edges.iter().filter(|edge| edge.b as usize == n) {
-                let other = key(&out.choices[edge.a as usize], edge.a as usize)?;
-                cost += if other == k {
-                    0.0
-                } else if other.1 == k.1 {
-                    0.03
-                } else {
-                    0.05
-                };
-            }
-            if cost < best.0 {
-                best = (cost, c);
-            }
-        }
-        out.choices.push(best.1);
+    Normalizers { dc: mean(|n| n.dc), ac: mean(|n| n.ac), texture: mean(|n| n.texture) }
+}
+
+/// Adds `weight` times the mean over levels of |log₂| of the textureness ratio of picture and piece. Words say where the
+/// edges are, not how strong: without it quiet pieces are put into rough water.
+fn add_texture_term(
+    grid: &NodeGrid,
+    still: &Still,
+    offsets: &[usize],
+    data: &mut [f32],
+    tile: &(impl Fn(usize) -> Result<Tile> + Sync),
+    weight: f32,
+) -> Result<()> {
+    /// Textureness of flat, noisy footage.
+    const FLOOR: f32 = 1.0 / 1024.0;
+    if weight == 0.0 {
+        return Ok(());
     }
-    Ok(out)
+    let luma = grid.padded(&still.working.luma());
+    let mut picture = Textureness::new(luma.width, luma.height);
+    picture.add(&luma);
+    let terms = par::try_map(grid.nodes.len(), |n| {
+        let node = &grid.nodes[n];
+        let wanted = picture.cell(node.x as usize, node.y as usize, PIECE);
+        let term = |entry: usize| {
+            let tile = tile(entry)?;
+            let mean =
+                |k: usize| tile.cells.iter().map(|c| c.textureness[k].to_f32()).sum::<f32>() / tile.cells.len() as f32;
+            let ratio = |k: usize| ((wanted[k] + FLOOR) / (mean(k) + FLOOR)).log2().abs();
+            Ok(weight * (0..wanted.len()).map(ratio).sum::<f32>() / wanted.len() as f32)
+        };
+        (offsets[n]..offsets[n + 1]).map(term).collect::<Result<Vec<f32>>>()
+    })?;
+    data.iter_mut().zip(terms.iter().flatten()).for_each(|(d, t)| *d += t);
+    Ok(())
 }

@@ -52,7 +52,9 @@ pub struct AssignmentRecord {
     pub data_only_energy: f64,
     /// Data terms within [`AssignmentRecord::energy`].
     pub data_energy: f64,
-    /// Energy after each round.
+    /// No labels have less energy than this.
+    pub bound: f64,
+    /// Energy after each sweep.
     pub history: Vec<f64>,
     /// Every clip that is used, the most used first.
     pub clips: Vec<ClipShare>,
