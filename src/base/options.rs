@@ -1,6 +1,6 @@
 //! Options declared once: name, description, unit, range, default and where the paper speaks of them.
 //!
-//! [`declare_options!`](crate::declare_options) makes a plain struct from the declarations; the same declarations
+//! [`declare_options!`] makes a plain struct from the declarations; the same declarations
 //! check scene files and command lines and write the documentation.
 
 use std::collections::BTreeMap;
@@ -254,6 +254,8 @@ macro_rules! declare_options {
         }
     };
 }
+
+pub use declare_options;
 
 #[cfg(test)]
 mod tests {
