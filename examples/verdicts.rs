@@ -1,6 +1,6 @@
 //! Judges every clip of `clips.tsv` in the folder that `ENLIVEN_DATA` names, and compares with its `fixed_camera` column.
 //!
-//! `ENLIVEN_DATA=… cargo run --release --example verdicts`
+//! `ENLIVEN_DATA=… cargo run --release --example verdicts [NAME…]` (only the clips whose path contains a name)
 
 use std::path::Path;
 
@@ -40,6 +40,7 @@ fn main() -> Result<()> {
         return Ok(());
     };
     let root = Path::new(&root);
+    let only: Vec<String> = std::env::args().skip(1).collect();
     let table = root.join("clips.tsv");
     let text = std::fs::read_to_string(&table).map_err(|e| Error::io(&table, "read", e))?;
     let (mut clips, mut agreements) = (0, 0);
@@ -49,6 +50,9 @@ fn main() -> Result<()> {
         let (Some(file), Some(column)) = (columns.next(), columns.next()) else {
             return Err(Error::file(Kind::Data, &table, "a row with fewer than two columns"));
         };
+        if !only.is_empty() && !only.iter().any(|name| file.contains(name.as_str())) {
+            continue;
+        }
         clips += 1;
         match judge(&root.join(file), &Options::default(), &Silent) {
             Ok(Judged { report, .. }) => {

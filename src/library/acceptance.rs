@@ -108,6 +108,16 @@ impl Report {
     pub fn accepted(&self) -> bool {
         self.reasons.is_empty()
     }
+
+    /// The judgement once the rate of the source is known, different frames per second: repeated frames may have been
+    /// removed before the clip came here.
+    pub fn at_source_rate(mut self, rate: f32) -> Self {
+        if rate < MIN_RATE && !self.reasons.iter().any(|reason| matches!(reason, Reason::RateTooLow { .. })) {
+            self.reasons.insert(0, Reason::RateTooLow { rate });
+            self.usable = None;
+        }
+        self
+    }
 }
 
 /// Judges a clip frame by frame; a few kilobytes are kept of each.
@@ -399,6 +409,8 @@ mod tests {
 
     #[test]
     fn repeated_frames_and_short_clips_are_named() {
+        let told = judge(60, stream).at_source_rate(8.0);
+        assert!(matches!(only(&told), Reason::RateTooLow { .. }) && told.usable.is_none());
         let slow = judge(90, |t, x, y| stream(t / 3, x, y));
         assert!(matches!(only(&slow), Reason::RateTooLow { rate } if (rate - 8.3).abs() < 0.3), "{slow:?}");
         assert!(matches!(only(&judge(30, stream)), Reason::TooShort { frames: 30 }));

@@ -28,7 +28,8 @@ const MIN_SAMPLES: usize = 12;
 /// Largest distance between the paths of two blocks of one group, half-size pixels.
 const TOGETHER: f32 = 0.75;
 
-/// How far the background has moved, in half-size pixels: at the centres of the picture's four quarters.
+/// How far the background has moved, in half-size pixels: at four points amid its blocks, for
+/// elsewhere a zoom or roll would be guessed.
 pub type Pose = [[f32; 2]; 4];
 
 /// A stretch of the clip over which one background was followed.
@@ -361,12 +362,18 @@ fn similarity(blocks: &[Block], (width, height): (usize, usize)) -> Group {
             best = members;
         }
     }
-    let (w, h) = (width as f32 / 4.0, height as f32 / 4.0);
+    let places: Vec<[f32; 2]> = best.iter().map(|&b| place(&blocks[b])).collect();
+    let spread = |c: usize| {
+        let n = places.len().max(1) as f32;
+        let mean = places.iter().map(|p| p[c]).sum::<f32>() / n;
+        (mean, (places.iter().map(|p| (p[c] - mean).powi(2)).sum::<f32>() / n).sqrt())
+    };
+    let ((x, w), (y, h)) = (spread(0), spread(1));
     let pose = |t: usize| {
         let model = fit(&best, t);
         let kept: Vec<usize> = best.iter().copied().filter(|&b| near(&model, &blocks[b], t)).collect();
         let model = if kept.len() * 2 >= best.len() { fit(&kept, t) } else { model };
-        [[-w, -h], [w, -h], [-w, h], [w, h]].map(|point| model.at(point))
+        [[x - w, y - h], [x + w, y - h], [x - w, y + h], [x + w, y + h]].map(|point| model.at(point))
     };
     let path = (0..samples).map(pose).collect();
     Group { members: best, path }
