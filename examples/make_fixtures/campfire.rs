@@ -167,26 +167,24 @@ pub struct Pictures {
     pub burning: Rgb8,
     /// Without.
     pub clean: Rgb8,
-    /// 1 where flames are or will be.
+    /// 1 where flames are.
     pub matte: Plane,
 }
 
-/// Lets the fire burn, remembers where flames reached, and draws the last moment.
+/// Lets the fire burn, draws the last moment, and mattes what burns in it.
 pub fn pictures() -> Pictures {
     let fire = fire();
     let place = place(&fire);
     let mut burning = Burning::lit(&fire, 60);
-    let (w, h) = (fire.width, fire.height);
-    let mut reached = Plane::zeros(w, h);
-    for _ in 0..12 {
-        (0..4).for_each(|_| burning.advance());
-        for (i, value) in reached.data.iter_mut().enumerate() {
-            let light = burning.glow(((i % w) as f32 + 0.5) / fire.scale, ((i / w) as f32 + 0.5) / fire.scale);
-            *value += step(0.01, 0.12, light[0]) / 12.0;
-        }
+    (0..48).for_each(|_| burning.advance());
+    let mut flames = Plane::zeros(fire.width, fire.height);
+    for (i, value) in flames.data.iter_mut().enumerate() {
+        let (x, y) = (i % fire.width, i / fire.width);
+        let light = burning.glow((x as f32 + 0.5) / fire.scale, (y as f32 + 0.5) / fire.scale);
+        *value = step(0.02, 0.15, light[0]);
     }
-    let wide = enliven::raster::filter::gaussian(&reached, 6.0);
+    let wide = enliven::raster::filter::gaussian(&flames, 4.0);
     let mut canvas = place.clone();
     burning.draw(&mut canvas);
-    Pictures { burning: canvas.develop(1.3), clean: place.develop(1.3), matte: wide.map(|v| step(0.01, 0.16, v)) }
+    Pictures { burning: canvas.develop(1.3), clean: place.develop(1.3), matte: wide.map(|v| step(0.1, 0.6, v)) }
 }
