@@ -72,11 +72,12 @@ pub fn assemble<W: Write + Seek>(
     }
     writer.begin(section::FRAMES, 1)?;
     for segment in segments {
-        for part in segment.blobs()?.chunks(COPY) {
+        segment.for_each_part(COPY, |part| {
             observe::check(observer)?;
             writer.write(part)?;
             observer.advance("write", part.len() as u64);
-        }
+            Ok(())
+        })?;
     }
     writer.finish()
 }

@@ -283,10 +283,7 @@ fn is_ours(error: &Error, workshop: &Workshop) -> bool {
 /// Writes the pack whole or not at all; gives its length.
 fn write(output: &Path, tables: &Tables, segments: &[Segment], observer: &dyn Observer) -> Result<u64> {
     let file = AtomicFile::create(output)?;
-    let mut total = 0;
-    for segment in segments {
-        total += segment.blobs()?.len() as u64;
-    }
+    let total = segments.iter().map(Segment::blob_bytes).sum();
     let file = observe::stage(observer, "write", total, || {
         let buffered = assemble(BufWriter::with_capacity(1 << 20, file), output, tables, segments, observer)?;
         buffered.into_inner().map_err(|e| Error::io(output, "write", e.into_error()))

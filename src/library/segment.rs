@@ -224,12 +224,24 @@ impl Segment {
         Ok(GridView { width: w / CELL, height: h / CELL, cells })
     }
 
-    /// All compressed frames, as stored.
+    /// Bytes of all compressed frames.
+    pub fn blob_bytes(&self) -> u64 {
+        self.data.as_ref().map_or(0, |[_, _, _, frames]| frames.length)
+    }
+
+    /// Hands the compressed frames on in parts of at most `size` bytes. A file is mapped anew for it, so that what was
+    /// read does not stay in this process's memory.
     ///
     /// # Errors
-    /// When their section is damaged.
-    pub fn blobs(&self) -> Result<&[u8]> {
-        self.part(3)
+    /// When their section is damaged, and those of `take`.
+    pub fn for_each_part(&self, size: usize, mut take: impl FnMut(&[u8]) -> Result<()>) -> Result<()> {
+        let Some([_, _, _, frames]) = &self.data else { return Ok(()) };
+        let again = if self.store.is_mapped() { Some(Self::open(self.store.path())?) } else { None };
+        let store = again.as_ref().map_or(&self.store, |again| &again.store);
+        for from in (0..frames.length).step_by(size.max(1)) {
+            take(store.range(frames, from, (from + size as u64).min(frames.length))?)?;
+        }
+        Ok(())
     }
 
     fn cast<'a, T: bytemuck::Pod>(&self, bytes: &'a [u8]) -> Result<&'a [T]> {

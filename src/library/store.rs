@@ -133,6 +133,11 @@ impl Store {
         self.path.display().to_string()
     }
 
+    /// True when the bytes are a file's, seen through a map.
+    pub fn is_mapped(&self) -> bool {
+        matches!(self.backing, Backing::Map(..))
+    }
+
     /// Where the pack lies.
     pub fn path(&self) -> &Path {
         &self.path

@@ -81,7 +81,8 @@ impl Workshop {
         if !path.exists() {
             return None;
         }
-        match Segment::open(path).and_then(|s| s.check_all().map(|()| s)) {
+        // Opened twice, so that the pages read by the check do not stay in memory.
+        match Segment::open(path).and_then(|s| s.check_all()).and_then(|()| Segment::open(path)) {
             Ok(segment) => Some(segment),
             Err(error) => {
                 observer.note(&format!("{error}; it is made anew"));
