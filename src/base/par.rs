@@ -7,11 +7,18 @@ use rayon::prelude::*;
 
 use super::error::{Error, Kind, Result};
 
+/// Most threads that [`init`] starts.
+pub const MAX_THREADS: usize = 256;
+
 /// Sets the number of worker threads for the whole process; 0 means one per core. Call once, before any work.
 ///
 /// # Errors
-/// When the pool exists already or threads cannot be started.
+/// More than [`MAX_THREADS`] threads; when the pool exists already or threads cannot be started.
 pub fn init(threads: usize) -> Result<()> {
+    if threads > MAX_THREADS {
+        return Err(Error::new(Kind::Usage, "--threads", format!("{threads} asked"))
+            .allowed(format!("0 to {MAX_THREADS}; 0 is one per core")));
+    }
     rayon::ThreadPoolBuilder::new()
         .num_threads(threads)
         .build_global()
