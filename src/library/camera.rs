@@ -257,11 +257,13 @@ fn background(blocks: &[Block], start: usize, size: (usize, usize)) -> Option<Se
         return None;
     }
     let similar = similarity(blocks, size);
-    let group = match steadiest(blocks) {
-        Some(shifted) if !explains(&similar, &shifted) => shifted,
-        _ => similar,
+    let (group, needed) = match steadiest(blocks) {
+        Some(shifted) if !explains(&similar, &shifted) => (shifted, MIN_BLOCKS),
+        Some(_) => (similar, MIN_BLOCKS),
+        // Twice the unknowns of a shift: a few blocks of drifting haze would do, so twice the witnesses.
+        None => (similar, 2 * MIN_BLOCKS),
     };
-    (group.members.len() >= MIN_BLOCKS).then_some(Segment { start, path: group.path, blocks: group.members.len() })
+    (group.members.len() >= needed).then_some(Segment { start, path: group.path, blocks: group.members.len() })
 }
 
 /// Blocks that move together, by number, and how.

@@ -37,7 +37,9 @@ pub fn judge(path: &Path, options: &Options, observer: &dyn Observer) -> Result<
     let mut clip = Conformed::open(path, &conform_options(options))?;
     let size = clip.report().working;
     let report = acceptance::inspect(&mut || clip.next_frame(), size, observer)?;
-    Ok(Judged { conform: clip.report().clone(), report })
+    let conform = clip.report().clone();
+    let different = 1.0 - conform.duplicates_removed as f64 / conform.frames_read.max(1) as f64;
+    Ok(Judged { report: report.at_source_rate((conform.source_rate * different) as f32), conform })
 }
 
 /// Judges every clip of `paths` (files, or folders of them) as a build with `options` would, handing each to `tell` as
