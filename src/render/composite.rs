@@ -1,7 +1,9 @@
 //! The output frame: recovered image and differences inside the matte, the picture's own bytes outside.
 
+use super::layout::BANDS;
 use crate::raster::filter::gaussian;
 use crate::raster::image::{Color, Difference, Plane, Rgb8};
+use crate::raster::pyramid::{collapse, laplacian};
 use crate::raster::resample::{resize, resize_color};
 
 /// Window over which the picture's colours are compared with its luma, pixels of the working image.
@@ -10,6 +12,13 @@ const COLOUR_SIGMA: f32 = 12.0;
 const COLOUR_FLOOR: f32 = 0.02 * 0.02;
 /// Room left above white and below black before differences are compressed, in [0, 1].
 const HEADROOM: f32 = 0.03;
+
+/// Differences beyond this many times the local contrast of the picture are compressed: specks of the clip.
+const OUTLIER: f32 = 3.0;
+/// Window over which that contrast is measured, pixels of the working image.
+const CONTRAST_SIGMA: f32 = 16.0;
+/// Smallest such contrast, in [0, 1].
+const CONTRAST_FLOOR: f32 = 0.01;
 
 /// Adds luma differences to a still picture.
 pub struct Compositor {
@@ -20,14 +29,17 @@ pub struct Compositor {
 /// The pixels of a row that lie in the matte.
 struct Span {
     first: usize,
-    /// Per pixel: base colour, change of colour per luma, room below and above.
     pixels: Vec<Pixel>,
 }
 
+/// What a pixel needs.
 #[derive(Clone, Copy)]
 struct Pixel {
+    /// Colour without differences.
     base: [f32; 3],
+    /// Change of colour per luma.
     change: [f32; 3],
+    /// One over the square of the room for negative and positive differences.
     below: f32,
     above: f32,
     inside: bool,
@@ -45,6 +57,7 @@ impl Compositor {
                 resize(&plane, width, height)
             })
             .collect();
+        let limit = resize(&local_contrast(working, working_matte), width, height).map(|c| OUTLIER * c);
         let colour = resize_color(&colour_of_luma(working, working_matte), width, height);
         let rows = (0..height)
             .map(|y| {
@@ -58,7 +71,9 @@ impl Compositor {
                     });
                     let luma = 0.2126 * base[0] + 0.7152 * base[1] + 0.0722 * base[2];
                     let change = std::array::from_fn(|c| m * colour.planes[c].at(x, y));
-                    Pixel { base, change, below: luma + HEADROOM, above: 1.0 - luma + HEADROOM, inside: m > 0.0 }
+                    let room =
+                        |room: f32| 1.0 / (room + HEADROOM).powi(2) + 1.0 / limit.at(x, y).max(CONTRAST_FLOOR).powi(2);
+                    Pixel { base, change, below: room(luma), above: room(1.0 - luma), inside: m > 0.0 }
                 };
                 Span { first, pixels: (first..end).map(pixel).collect() }
             })
@@ -78,7 +93,7 @@ impl Compositor {
                 if pixel.inside {
                     // Compressed smoothly towards white and black, so that nothing is cut off flat.
                     let room = if d < 0.0 { pixel.below } else { pixel.above };
-                    let d = d * room / (room * room + d * d).sqrt();
+                    let d = d / (1.0 + room * d * d).sqrt();
                     for (byte, (base, change)) in bytes.iter_mut().zip(pixel.base.iter().zip(pixel.change)) {
                         *byte = ((base + change * d).clamp(0.0, 1.0) * 255.0 + 0.5) as u8;
                     }
@@ -87,6 +102,17 @@ impl Compositor {
         }
         out
     }
+}
+
+/// Root mean square of what the bands of differences cover, around each pixel of the matte.
+fn local_contrast(picture: &Color, matte: &Plane) -> Plane {
+    let detail = collapse(&laplacian(&picture.luma(), BANDS).0, None);
+    let weight = matte.map(|m| m.max(1e-3));
+    let squares = detail.data.iter().zip(&weight.data).map(|(d, w)| d * d * w).collect();
+    let mut squares = gaussian(&Plane::from_vec(detail.width, detail.height, squares), CONTRAST_SIGMA);
+    let total = gaussian(&weight, CONTRAST_SIGMA);
+    squares.data.iter_mut().zip(&total.data).for_each(|(s, t)| *s = (*s / t).sqrt().max(CONTRAST_FLOOR));
+    squares
 }
 
 /// How the colour of the picture changes with its luma around each pixel: the slope of each channel over luma in a

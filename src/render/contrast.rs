@@ -7,6 +7,7 @@
 use super::blend::Bands;
 use super::layout::{BANDS, Layout, LevelKey, Placement};
 use super::sample::Window;
+use crate::base::par;
 use crate::library::variant::PIECE;
 use crate::raster::image::Plane;
 use crate::raster::pyramid::laplacian;
@@ -57,28 +58,40 @@ impl Variance {
     }
 }
 
-/// The factor of each band for every placement. `variance` holds the levels of [`Layout::levels`]; `luma` and `matte`
-/// are the picture's, at working size.
-pub fn gains(
+/// Differences matched to the picture, per placement and band.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Match {
+    /// Factor of the differences.
+    pub gains: Vec<[f32; BANDS]>,
+    /// Share of the picture's variance that the differences then have, 0 to 1.
+    pub shares: Vec<[f32; BANDS]>,
+}
+
+/// Matches the differences to the picture. `variance` holds the levels of [`Layout::levels`]; `luma` and `matte` are
+/// the picture's, at working size.
+pub fn match_contrast(
     layout: &Layout,
     variance: &[&Variance],
     luma: &Plane,
     matte: &Plane,
     strength: &Strength,
-) -> Vec<[f32; BANDS]> {
+) -> Match {
     let picture: Vec<Plane> = laplacian(luma, BANDS).0.iter().map(|b| b.map(|v| v * v)).collect();
     let levels: Vec<LevelKey> = layout.levels();
-    let gain = |placement: &Placement| {
+    let matched = par::map(layout.placements.len(), |i| {
+        let placement = &layout.placements[i];
         let level = levels.binary_search(&placement.level()).expect("a placement's level is used");
         std::array::from_fn(|band| {
             let wanted = picture_contrast(&picture[band], matte, placement, band);
             let found = variance[level].over(layout, placement, band).sqrt();
             let ratio = strength.strength * wanted / found.max(NOISE);
             let bounded = ratio.clamp(1.0 / strength.max_gain, strength.max_gain);
-            bounded * if band + 1 == BANDS { strength.coarse } else { 1.0 }
+            let gain = bounded * if band + 1 == BANDS { strength.coarse } else { 1.0 };
+            (gain, (gain * found / wanted.max(NOISE)).min(1.0).powi(2))
         })
-    };
-    layout.placements.iter().map(gain).collect()
+    });
+    let part = |of: fn((f32, f32)) -> f32| matched.iter().map(|bands: &[(f32, f32); BANDS]| bands.map(of)).collect();
+    Match { gains: part(|m| m.0), shares: part(|m| m.1) }
 }
 
 /// Root mean square of a band of the picture over a node, where the matte is white.

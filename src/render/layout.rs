@@ -2,12 +2,17 @@
 
 use std::collections::BTreeSet;
 
-use crate::library::variant::{Geometry, PIECE, PIECE_CELLS, Variant, level_size};
+use crate::library::variant::{CELL, Geometry, PIECE, PIECE_CELLS, Variant, level_size};
+use crate::raster::filter::gaussian;
+use crate::raster::image::Plane;
 
 /// Band-pass levels of the differences; what is below them (swell, exposure) is dropped.
 pub const BANDS: usize = 4;
 /// Distance of neighbouring nodes, pixels of the working image.
 pub const STRIDE: usize = PIECE / 2;
+
+/// Smoothing of what is spread over the working image, cells.
+pub const SPREAD_SIGMA: f32 = 2.0;
 
 /// What is known of one cell of a piece, as it lies on the working image.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -120,6 +125,29 @@ impl Layout {
         self.placements.iter().map(open).collect()
     }
 
+    /// A value per placement, blended over the working image on cells of [`CELL`] pixels.
+    pub fn spread(&self, values: impl Fn(usize) -> f32) -> Plane {
+        let [sum, total] = self.spread_cells(|i, _| [values(i), 1.0]).map(|s| gaussian(&s, SPREAD_SIGMA));
+        Plane::from_vec(sum.width, sum.height, sum.data.iter().zip(&total.data).map(|(s, t)| s / t.max(1e-6)).collect())
+    }
+
+    /// Sums of values per cell of every placement where it lies, weighted by a tent over the piece.
+    pub fn spread_cells<const N: usize>(&self, values: impl Fn(usize, &PlacedCell) -> [f32; N]) -> [Plane; N] {
+        let size = (self.canvas.0.div_ceil(CELL), self.canvas.1.div_ceil(CELL));
+        let mut sums: [Plane; N] = std::array::from_fn(|_| Plane::zeros(size.0, size.1));
+        for (i, placement) in self.placements.iter().enumerate() {
+            for (k, cell) in placement.cells.iter().enumerate() {
+                let (cx, cy) = (k % PIECE_CELLS, k / PIECE_CELLS);
+                let (x, y) = (placement.node.0 / CELL + cx, placement.node.1 / CELL + cy);
+                if x < size.0 && y < size.1 {
+                    let weight = tent(cx) * tent(cy);
+                    sums.iter_mut().zip(values(i, cell)).for_each(|(s, v)| *s.at_mut(x, y) += weight * v);
+                }
+            }
+        }
+        sums
+    }
+
     /// Number of each placement's group: those of a group show the same place of the same source in the same pose, so
     /// what they show is one continuous piece of footage.
     pub fn groups(&self) -> Vec<usize> {
@@ -132,6 +160,12 @@ impl Layout {
         keys.dedup();
         self.placements.iter().map(|p| keys.partition_point(|k| *k < key(p))).collect()
     }
+}
+
+/// Weight of a cell within a piece along one axis.
+fn tent(cell: usize) -> f32 {
+    let centre = (cell * CELL + CELL / 2) as f32;
+    1.0 - (centre - STRIDE as f32).abs() / STRIDE as f32
 }
 
 impl Placement {

@@ -3,19 +3,20 @@
 //! Image-based motion blur (Brostow & Essa 2001) along the assigned average flow, then a Gaussian that grows with the
 //! speed (Okabe et al. 2011, §6). Colours come from inside the matte only.
 
-use super::layout::{Layout, PlacedCell, STRIDE};
+use super::layout::{BANDS, Layout, PlacedCell, SPREAD_SIGMA};
 use crate::base::par;
 use crate::flow::field::Field;
-use crate::library::variant::{CELL, PIECE, PIECE_CELLS};
+use crate::library::variant::CELL;
 use crate::raster::filter::gaussian;
 use crate::raster::image::{Color, Plane};
+use crate::raster::pyramid::{collapse, laplacian};
 
 /// Longest streak, pixels of the working image.
 const MAX_STREAK: f32 = 32.0;
 /// Widest Gaussian, pixels of the working image.
 const MAX_SIGMA: f32 = 4.0;
-/// Smoothing of the assigned flow across pieces, cells.
-const FLOW_SIGMA: f32 = 2.0;
+/// Window over which contrast is measured, pixels of the working image.
+const CONTRAST_SIGMA: f32 = 10.0;
 
 /// How much the picture is blurred.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -39,31 +40,15 @@ pub struct AssignedMotion {
 
 /// Blends the cells of all pieces, weighted by where they move.
 pub fn assigned_motion(layout: &Layout) -> AssignedMotion {
-    let size = (layout.canvas.0.div_ceil(CELL), layout.canvas.1.div_ceil(CELL));
-    let mut sums: [Plane; 4] = std::array::from_fn(|_| Plane::zeros(size.0, size.1));
-    for placement in &layout.placements {
-        for (i, cell) in placement.cells.iter().enumerate() {
-            let (cx, cy) = (i % PIECE_CELLS, i / PIECE_CELLS);
-            let (x, y) = (placement.node.0 / CELL + cx, placement.node.1 / CELL + cy);
-            if x < size.0 && y < size.1 {
-                let weight = tent(cx) * tent(cy) * cell.significant.max(0.02);
-                let PlacedCell { mean, activity, .. } = *cell;
-                let values = [mean.0, mean.1, activity, 1.0];
-                sums.iter_mut().zip(values).for_each(|(s, v)| *s.at_mut(x, y) += weight * v);
-            }
-        }
-    }
-    let [mut u, mut v, mut activity, total] = sums.map(|s| gaussian(&s, FLOW_SIGMA));
+    let cell = |_, c: &PlacedCell| {
+        let weight = c.significant.max(0.02);
+        [weight * c.mean.0, weight * c.mean.1, weight * c.activity, weight]
+    };
+    let [mut u, mut v, mut activity, total] = layout.spread_cells(cell).map(|s| gaussian(&s, SPREAD_SIGMA));
     for plane in [&mut u, &mut v, &mut activity] {
         plane.data.iter_mut().zip(&total.data).for_each(|(p, t)| *p /= t.max(1e-6));
     }
     AssignedMotion { mean: Field { u, v }, activity }
-}
-
-/// Weight of a cell within a piece along one axis.
-fn tent(cell: usize) -> f32 {
-    let centre = (cell * CELL + CELL / 2) as f32;
-    1.0 - (centre - (PIECE / 2) as f32).abs() / STRIDE as f32
 }
 
 /// The recovered average image at working size; outside the matte it is the picture.
@@ -77,6 +62,45 @@ pub fn recover(picture: &Color, matte: &Plane, motion: &AssignedMotion, recovery
         }
     }
     out
+}
+
+/// Takes from each band of the recovered image what the differences will bring back, so that every frame has the
+/// picture's contrast and not the sum of a still and a moving texture. `shares` holds, per band and on cells, the share
+/// of the picture's variance that the differences have. (The blur along the flow should do this, but optical flow
+/// underestimates whitewater, and streaks then stay too short.)
+pub fn make_room(recovered: &Color, picture: &Color, matte: &Plane, shares: &[Plane; BANDS]) -> Color {
+    let factors = room_factors(&recovered.luma(), &picture.luma(), shares);
+    let mut out = picture.clone();
+    for (plane, recovered) in out.planes.iter_mut().zip(&recovered.planes) {
+        let (mut bands, rest) = laplacian(recovered, BANDS);
+        for (band, factor) in bands.iter_mut().zip(&factors) {
+            band.data.iter_mut().zip(&factor.data).for_each(|(b, f)| *b *= f);
+        }
+        let roomy = collapse(&bands, Some(&rest));
+        for ((p, r), m) in plane.data.iter_mut().zip(&roomy.data).zip(&matte.data) {
+            *p += m * (r - *p);
+        }
+    }
+    out
+}
+
+/// Per band and pixel: what brings the recovered image's contrast down to what should stay still.
+fn room_factors(recovered: &Plane, picture: &Plane, shares: &[Plane; BANDS]) -> Vec<Plane> {
+    let contrasts = |plane: &Plane| -> Vec<Plane> {
+        let sigma = |band: usize| (CONTRAST_SIGMA / (1 << band) as f32).max(1.5);
+        let (bands, _) = laplacian(plane, BANDS);
+        bands.iter().enumerate().map(|(k, b)| gaussian(&b.map(|v| v * v), sigma(k)).map(f32::sqrt)).collect()
+    };
+    let (have, wanted) = (contrasts(recovered), contrasts(picture));
+    let factor = |band: usize| {
+        let (have, wanted) = (&have[band], &wanted[band]);
+        Plane::from_fn(have.width, have.height, |x, y| {
+            let at = |v: usize| (v as f32 + 0.5) * (1 << band) as f32;
+            let still = (1.0 - cell_value(&shares[band], (at(x), at(y)))).max(0.0).sqrt();
+            (still * wanted.at(x, y) / have.at(x, y).max(1e-4)).min(1.0)
+        })
+    };
+    (0..BANDS).map(factor).collect()
 }
 
 /// Averages colours along the flow, over `shutter` frames of it.

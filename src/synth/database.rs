@@ -23,9 +23,9 @@ use crate::raster::image::{Plane, Rgb8};
 use crate::raster::resample::resize;
 use crate::render::blend::Blender;
 use crate::render::composite::Compositor;
-use crate::render::contrast::{self, Strength, Variance};
+use crate::render::contrast::{Strength, Variance, match_contrast};
 use crate::render::layout::{Layout, LevelKey, PlacedCell, Placement};
-use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, recover};
+use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, make_room, recover};
 use crate::scene::scene::{Scene, Still};
 use crate::video::clip::Sink;
 
@@ -168,13 +168,15 @@ impl Database {
         let variances: Vec<&Variance> = placed.layout.levels().iter().map(variance).collect();
         let strength = Strength { strength, max_gain, coarse };
         let luma = still.working.luma();
-        let gains = contrast::gains(&placed.layout, &variances, &luma, &still.working_matte, &strength);
+        let matched = match_contrast(&placed.layout, &variances, &luma, &still.working_matte, &strength);
         let motion = assigned_motion(&placed.layout);
         let recovery = Recovery { shutter, blur, amount };
         let recovered = recover(&still.working, &still.working_matte, &motion, &recovery);
+        let shares = std::array::from_fn(|band| placed.layout.spread(|i| matched.shares[i][band]));
+        let recovered = make_room(&recovered, &still.working, &still.working_matte, &shares);
         let compositor =
             Compositor::new(still.picture.clone(), &still.matte, &still.working, &still.working_matte, &recovered);
-        Ok(Rendering { motion, blender: Blender::new(&placed.layout, &gains), compositor })
+        Ok(Rendering { motion, blender: Blender::new(&placed.layout, &matched.gains), compositor })
     }
 }
 

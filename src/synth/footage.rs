@@ -8,6 +8,7 @@ use crate::base::par;
 use crate::library::reader::{FrameReader, Pack};
 use crate::library::variant::level_size;
 use crate::raster::image::Plane;
+use crate::raster::pyramid::reduce;
 use crate::raster::resample::resize;
 use crate::render::blend::{Bands, bands};
 use crate::render::contrast::Variance;
@@ -38,28 +39,35 @@ pub struct Clip {
 impl Clip {
     /// Reads the clip once: finds its loop of `frames` output frames and measures its differences at `scales`.
     ///
+    /// The differences are from the average of the frames that the loop shows, not of the whole clip: what stands still
+    /// in the loop but moved at another time (a twig, the light) would otherwise stay as a ghost in every frame.
+    ///
     /// # Errors
     /// A damaged pack, a clip that cannot be looped, a cancel.
     pub fn study(pack: &Arc<Pack>, clip: u32, scales: Vec<u8>, frames: usize, observer: &dyn Observer) -> Result<Self> {
         let meta = &pack.clips()[clip as usize];
         let size = (meta.width as usize, meta.height as usize);
-        let average = pack.average(clip)?.luma();
         let searched = (meta.frames as usize).min((SEARCHED * frames).max(SEARCHED * FADE));
+        let mut lumas = Vec::with_capacity(searched);
         let mut thumbnails = Vec::with_capacity(searched);
-        let mut variance = vec![Variance::default(); scales.len()];
         let mut reader = pack.frames(clip)?;
         for t in 0..searched {
             observe::check(observer)?;
             let luma = reader.at(t)?.luma();
-            thumbnails.push(thumbnail(&luma));
-            if t % SAMPLE_STEP == 0 {
-                let differences = minus(luma, &average);
-                for (variance, &scale) in variance.iter_mut().zip(&scales) {
-                    variance.add(&level_bands(&differences, size, scale));
-                }
-            }
+            // Two cheap halvings first: most of the cost of a thumbnail is reading the full frame.
+            thumbnails.push(thumbnail(&reduce(&reduce(&luma))));
+            lumas.push(luma.data.iter().map(|l| (l * 255.0 + 0.5) as u8).collect::<Vec<u8>>());
         }
         let plan = plan_loop(&Distances::between(&thumbnails), frames, FADE)?;
+        let average = loop_average(&plan, &lumas, size);
+        let mut variance = vec![Variance::default(); scales.len()];
+        for t in (0..frames).step_by(SAMPLE_STEP) {
+            let luma = lumas[plan.at(t).a.frame].iter().map(|&l| f32::from(l) / 255.0).collect();
+            let differences = minus(Plane::from_vec(size.0, size.1, luma), &average);
+            for (variance, &scale) in variance.iter_mut().zip(&scales) {
+                variance.add(&level_bands(&differences, size, scale));
+            }
+        }
         Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, variance })
     }
 
@@ -130,6 +138,21 @@ pub fn frame_bytes(streams: &[Stream]) -> usize {
         w * h * size_of::<f32>() * 4 / 3
     };
     streams.iter().map(|s| s.scales.iter().map(|&scale| level(s.clip, scale)).sum::<usize>()).sum()
+}
+
+/// Average of the frames of a loop, each as often as it is shown, so that the differences have mean 0 over the loop.
+fn loop_average(plan: &LoopPlan, lumas: &[Vec<u8>], size: (usize, usize)) -> Plane {
+    let mut weights = vec![0.0f32; lumas.len()];
+    for t in 0..plan.length() {
+        let blend = plan.at(t);
+        [Some(blend.a), blend.b].into_iter().flatten().for_each(|part| weights[part.frame] += part.weight);
+    }
+    let total = 255.0 * weights.iter().sum::<f32>();
+    let mut average = Plane::zeros(size.0, size.1);
+    for (luma, &weight) in lumas.iter().zip(&weights).filter(|(_, w)| **w > 0.0) {
+        average.data.iter_mut().zip(luma).for_each(|(a, &l)| *a += weight / total * f32::from(l));
+    }
+    average
 }
 
 fn minus(mut plane: Plane, other: &Plane) -> Plane {
