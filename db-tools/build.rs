@@ -4,8 +4,9 @@ use std::path::PathBuf;
 
 use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::Observer;
-use enliven::cli::common::{bytes, duration};
+use enliven::cli::common::{bytes, counted, duration};
 use enliven::library::build::{BuildReport, Options, build};
+use enliven::say;
 
 /// Build a library from clips. What is finished is kept when it is interrupted; run it again to go on.
 #[derive(clap::Args)]
@@ -37,7 +38,7 @@ impl Build {
         let report = build(&self.clips, &self.output, &options, observer)?;
         if self.json {
             let text = serde_json::to_string_pretty(&report);
-            println!("{}", text.map_err(|e| Error::new(Kind::Data, "report", e.to_string()))?);
+            say!("{}", text.map_err(|e| Error::new(Kind::Data, "report", e.to_string()))?);
         } else {
             self.print(&report);
         }
@@ -45,21 +46,21 @@ impl Build {
     }
 
     fn print(&self, report: &BuildReport) {
-        println!("{:28} {:>9} {:>7} {:>8}", "clip", "size", "frames", "pieces");
+        say!("{:28} {:>9} {:>7} {:>8}", "clip", "size", "frames", "pieces");
         for clip in &report.accepted {
             let name = clip.path.file_name().unwrap_or_default().to_string_lossy();
             let size = format!("{}x{}", clip.width, clip.height);
-            println!("{name:28} {size:>9} {:>7} {:>8}  {}", clip.frames, clip.pieces, clip.notes.join("; "));
+            say!("{name:28} {size:>9} {:>7} {:>8}  {}", clip.frames, clip.pieces, clip.notes.join("; "));
         }
         for clip in &report.refused {
-            println!("{:28} left out: {}", clip.path.file_name().unwrap_or_default().to_string_lossy(), clip.reason);
+            say!("{:28} left out: {}", clip.path.file_name().unwrap_or_default().to_string_lossy(), clip.reason);
         }
         let [analyse, features, write] = report.seconds;
-        println!(
-            "{}: {} clips, {} pieces, {}; clips {}, features {}, writing {}",
+        say!(
+            "{}: {}, {}, {}; clips {}, features {}, writing {}",
             self.output.display(),
-            report.accepted.len(),
-            report.pieces,
+            counted(report.accepted.len() as u64, "clip"),
+            counted(report.pieces, "piece"),
             bytes(report.bytes),
             duration(analyse),
             duration(features),

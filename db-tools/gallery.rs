@@ -6,6 +6,7 @@ use enliven::base::error::Result;
 use enliven::base::observe::Observer;
 use enliven::library::reader::Pack;
 use enliven::report::gallery;
+use enliven::say;
 
 /// Make a page with a looping thumbnail of every clip, its motion in colour and its share of pieces.
 #[derive(clap::Args)]
@@ -22,7 +23,7 @@ impl Gallery {
         let folder = self.output.clone().unwrap_or_else(|| self.pack.with_extension("gallery"));
         let title = self.pack.file_stem().unwrap_or_default().to_string_lossy();
         gallery::write(&*Pack::open(&self.pack)?, &title, &folder, observer)?;
-        println!("{}", folder.join("index.html").display());
+        say!("{}", folder.join("index.html").display());
         Ok(())
     }
 }

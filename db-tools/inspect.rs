@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use enliven::base::error::Result;
-use enliven::cli::common::bytes;
+use enliven::cli::common::{bytes, counted};
 use enliven::library::reader::Pack;
 use enliven::library::variant::Variant;
+use enliven::say;
 use serde_json::json;
 
 /// Show what is in a library: parameters, clips, pieces and why others were left out.
@@ -22,7 +23,7 @@ impl Inspect {
     pub fn run(&self) -> Result<()> {
         let pack = Pack::open(&self.pack)?;
         if self.json {
-            println!("{}", as_json(&pack));
+            say!("{}", as_json(&pack));
         } else {
             self.print(&pack);
         }
@@ -32,31 +33,38 @@ impl Inspect {
     fn print(&self, pack: &Pack) {
         let parameters = pack.parameters();
         let size = std::fs::metadata(&self.pack).map_or(0, |m| m.len());
-        println!(
-            "{}: {}, {} clips, {} pieces",
+        say!(
+            "{}: {}, {}, {}",
             self.pack.display(),
             bytes(size),
-            pack.clips().len(),
-            pack.piece_count()
+            counted(pack.clips().len() as u64, "clip"),
+            counted(pack.piece_count() as u64, "piece")
         );
-        println!(
+        say!(
             "  {} frames/s, pieces of {} px every {} px, {} words",
-            parameters.rate, parameters.piece, parameters.stride, parameters.words
+            parameters.rate,
+            parameters.piece,
+            parameters.stride,
+            parameters.words
         );
         let n = pack.normalizers();
-        println!(
-            "  medians of the smoothness terms: motion {:.4}, dynamics {:.4}, texture {:.4}",
-            n.dc, n.ac, n.texture
-        );
-        println!(
+        say!("  medians of the smoothness terms: motion {:.4}, dynamics {:.4}, texture {:.4}", n.dc, n.ac, n.texture);
+        say!(
             "{:18} {:10} {:>9} {:>7} {:>8} {:>6} {:>8} {:>8}",
-            "clip", "tag", "size", "frames", "pieces", "share", "outside", "still"
+            "clip",
+            "tag",
+            "size",
+            "frames",
+            "pieces",
+            "share",
+            "outside",
+            "still"
         );
         for clip in pack.clips() {
             let sum = |of: fn(&enliven::library::metadata::PieceCounts) -> u32| -> u64 {
                 clip.counts.iter().map(|c| u64::from(of(c))).sum()
             };
-            println!(
+            say!(
                 "{:18} {:10} {:>9} {:>7} {:>8} {:>5.1}% {:>8} {:>8}",
                 clip.id.to_string(),
                 clip.tag,

@@ -7,6 +7,7 @@ use enliven::base::observe::Observer;
 use enliven::library::acceptance::{Camera, Reason};
 use enliven::library::build::Options;
 use enliven::library::scan::{Judged, Scanned, reason, scan};
+use enliven::say;
 use serde_json::json;
 
 /// Judge clips without building: steady camera, no cut or fade, something that moves, long enough.
@@ -26,19 +27,25 @@ pub struct Scan {
 impl Scan {
     pub fn run(&self, observer: &dyn Observer) -> Result<()> {
         let options = Options { working: self.working_size, ..Options::default() };
+        let mut rows = 0;
         let mut tell = |entry: &Scanned| {
             if !self.json {
-                print(entry)
+                if rows == 0 {
+                    say!("{:28} {:>9} {:>7} {:>15} {:>7}  verdict", "clip", "size", "frames", "camera", "moving");
+                }
+                rows += 1;
+                print(entry);
             }
         };
-        if !self.json {
-            println!("{:28} {:>9} {:>7} {:>15} {:>7}  verdict", "clip", "size", "frames", "camera", "moving");
-        }
         let scanned = scan(&self.clips, &options, observer, &mut tell)?;
         if self.json {
-            println!("{}", scanned.iter().map(as_json).collect::<serde_json::Value>());
+            say!("{}", scanned.iter().map(as_json).collect::<serde_json::Value>());
         }
         let fit = scanned.iter().filter(|(_, j)| j.as_ref().is_ok_and(|j| j.report.usable.is_some())).count();
+        if let ([(path, judged)], 0) = (&scanned[..], fit) {
+            let why = judged.as_ref().map_or_else(reason, verdict);
+            return Err(Error::file(Kind::Unusable, path, why));
+        }
         if fit == 0 {
             return Err(Error::new(Kind::Unusable, "clips", format!("none of {} can be used", scanned.len()))
                 .remedy("film with a fixed camera, two seconds or more"));
@@ -68,7 +75,7 @@ fn print((path, judged): &Scanned) {
     match judged {
         Ok(judged) => {
             let (width, height) = judged.conform.working;
-            println!(
+            say!(
                 "{name:28} {:>9} {:>7} {:>15} {:>6.0}%  {}",
                 format!("{width}x{height}"),
                 judged.report.frames,
@@ -77,7 +84,7 @@ fn print((path, judged): &Scanned) {
                 verdict(judged)
             );
         }
-        Err(error) => println!("{name:28} unreadable: {}", reason(error)),
+        Err(error) => say!("{name:28} unreadable: {}", reason(error)),
     }
 }
 

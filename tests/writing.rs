@@ -328,14 +328,14 @@ fn places_that_cannot_be_written_are_told_before_any_work() {
             let path: PathBuf = folder.path().join(parent).join(name);
             let error = sink::check_writable(&path).unwrap_err();
             assert_eq!(error.kind(), Kind::Io, "{error}");
-            assert!(error.to_string().contains("make that folder first"), "{error}");
+            assert!(error.to_string().contains("write elsewhere"), "{error}");
             assert!(sink::create(&path, options(32, 32, 25.0)).is_err());
         }
     }
     // A file where a folder of frames should be.
     assert!(sink::check_writable(&folder.path().join("file")).is_err());
     assert_eq!(fs::read(folder.path().join("file")).unwrap(), b"");
-    assert_eq!(sink::check_writable(&folder.path().join("a.xyz")).unwrap_err().kind(), Kind::Unsupported);
+    assert_eq!(sink::check_writable(&folder.path().join("a.xyz")).unwrap_err().kind(), Kind::Usage);
     for (width, height) in [(0, 10), (10, 0), (20_000, 10), (8192, 8192)] {
         let error = sink::create(&folder.path().join("a.mp4"), options(width, height, 25.0)).err().unwrap();
         assert_eq!(error.kind(), Kind::Limit, "{error}");

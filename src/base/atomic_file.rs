@@ -209,9 +209,12 @@ fn temporary_neighbour(path: &Path) -> Result<PathBuf> {
     };
     let folder = parent(path);
     if !folder.is_dir() {
-        let what = if folder.exists() { "is not a folder" } else { "does not exist" };
-        let problem = format!("the folder {} {what}", folder.display());
-        return Err(Error::file(Kind::Io, path, problem).remedy("make that folder first, or write elsewhere"));
+        let (problem, remedy) = if folder.exists() {
+            (format!("{} is a file, not a folder", folder.display()), "write elsewhere")
+        } else {
+            (format!("the folder {} does not exist", folder.display()), "make that folder first, or write elsewhere")
+        };
+        return Err(Error::file(Kind::Io, path, problem).remedy(remedy));
     }
     let name = name.to_string_lossy();
     let cut = (0..=name.len().min(NAME_BYTES)).rev().find(|&i| name.is_char_boundary(i)).unwrap_or(0);

@@ -52,10 +52,17 @@ impl Error {
 
     /// A file operation that the system refused.
     pub fn io(path: &Path, action: &str, source: std::io::Error) -> Self {
-        let full = source.kind() == std::io::ErrorKind::StorageFull;
-        let error = Self::file(if full { Kind::Limit } else { Kind::Io }, path, format!("cannot {action}: {source}"));
-        let error = if full { error.remedy("free some space on that disk, or write elsewhere") } else { error };
-        error.source(source)
+        use std::io::ErrorKind;
+        let (why, remedy) = match source.kind() {
+            ErrorKind::NotFound => ("there is no such file or folder", "check the name"),
+            ErrorKind::NotADirectory => ("a part of its path is a file, not a folder", "choose another place"),
+            ErrorKind::AlreadyExists => ("a file of that name is in the way", "choose another name"),
+            ErrorKind::PermissionDenied => ("permission denied", "check the permissions, or choose another place"),
+            ErrorKind::StorageFull => ("no space left", "free some space on that disk, or write elsewhere"),
+            _ => return Self::file(Kind::Io, path, format!("cannot {action}: {source}")).source(source),
+        };
+        let kind = if source.kind() == ErrorKind::StorageFull { Kind::Limit } else { Kind::Io };
+        Self::file(kind, path, format!("cannot {action}: {why}")).remedy(remedy).source(source)
     }
 
     /// The run was interrupted by the user.
@@ -72,6 +79,12 @@ impl Error {
     /// Adds what the user can do.
     pub fn remedy(mut self, remedy: impl Into<String>) -> Self {
         self.remedy = Some(remedy.into());
+        self
+    }
+
+    /// Says what the error is about by another name, one that the user knows.
+    pub fn about(mut self, subject: impl fmt::Display) -> Self {
+        self.subject = subject.to_string();
         self
     }
 

@@ -8,6 +8,7 @@ use crate::base::observe::Observer;
 use crate::raster::image::Rgb8;
 use crate::raster::picture_io::write_png;
 use crate::report::contact_sheet::{contact_sheet, spread};
+use crate::cli::common::say;
 use crate::scene::file::{SceneFile, set};
 use crate::scene::scene::{self, Scene};
 use crate::synth;
@@ -35,7 +36,7 @@ pub struct Animate {
     #[arg(long = "use", value_name = "TAG", value_delimiter = ',')]
     pub tags: Vec<String>,
     /// Main direction of the flow in degrees: 0 right, 90 down, -90 up
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = parse_number)]
     pub direction: Option<f32>,
     /// What is behind the fluid, a picture of the same size
     #[arg(long, value_name = "PICTURE")]
@@ -44,16 +45,16 @@ pub struct Animate {
     #[arg(long)]
     pub method: Option<String>,
     /// Frames of the loop [default: 120]
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true, value_parser = parse_count)]
     pub frames: Option<usize>,
     /// Frames per second [default: 25]
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true, value_parser = parse_number)]
     pub fps: Option<f32>,
     /// Size of the video [default: the picture's, at most 1920 on the long side]
     #[arg(long, value_name = "WxH", value_parser = parse_size)]
     pub size: Option<[usize; 2]>,
     /// Long side of the image the motion is made at [default: 640]
-    #[arg(long, value_name = "PX")]
+    #[arg(long, value_name = "PX", allow_negative_numbers = true, value_parser = parse_count)]
     pub working_size: Option<usize>,
     /// Seed of every random choice [default: 1]
     #[arg(long)]
@@ -72,6 +73,14 @@ pub struct Animate {
     pub json: bool,
 }
 
+fn parse_count(text: &str) -> std::result::Result<usize, String> {
+    text.parse().map_err(|_| "write a whole number, such as 120".to_owned())
+}
+
+fn parse_number(text: &str) -> std::result::Result<f32, String> {
+    text.parse().map_err(|_| "write a number, such as 90".to_owned())
+}
+
 fn parse_size(text: &str) -> std::result::Result<[usize; 2], String> {
     let parts = text.split_once(['x', 'X', '×']);
     let size = parts.and_then(|(w, h)| Some([w.trim().parse().ok()?, h.trim().parse().ok()?]));
@@ -84,10 +93,6 @@ impl Animate {
     /// # Errors
     /// Those of opening the scene, and malformed `--set`.
     pub fn settings(&self) -> Result<SceneFile> {
-        if !self.scene.exists() {
-            return Err(Error::file(Kind::Usage, &self.scene, "no such file or folder")
-                .allowed("a picture, a scene file, or a folder with a scene.toml"));
-        }
         let mut file = scene::open(&self.scene)?;
         let over = self.clone();
         file.matte = over.matte.or(file.matte);
@@ -116,11 +121,18 @@ impl Animate {
     /// # Errors
     /// Bad input, by name; a full disk; an interruption.
     pub fn run(&self, observer: &dyn Observer) -> Result<()> {
+        if self.json && self.output == Path::new("-") {
+            return Err(Error::new(Kind::Usage, "--json", "standard output carries the video")
+                .remedy("write the video to a file, or leave out --json"));
+        }
         let record = animate(self.settings()?, &self.output, self.report.as_deref(), observer)?;
         if self.json {
-            println!("{}", to_json(&record)?);
+            say!("{}", to_json(&record)?);
         } else {
-            observer.note(&format!("{}: {:.1} s", self.output.display(), record.seconds));
+            let (frames, (width, height)) = (record.scene.output.frames, record.output_size);
+            let name =
+                if self.output == Path::new("-") { "standard output".into() } else { self.output.to_string_lossy() };
+            observer.note(&format!("{name}: {frames} frames of {width} × {height} in {:.1} s", record.seconds));
         }
         Ok(())
     }
@@ -156,7 +168,11 @@ impl Sink for Collector {
 pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: &dyn Observer) -> Result<RunRecord> {
     let mut scene = Scene::new(file)?;
     synth::resolve(&mut scene)?;
+    refuse_input(output, scene.settings())?;
     sink::check_writable(output)?;
+    if let Some(folder) = report {
+        std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
+    }
     let to_stdout = output == Path::new("-");
     let settings = scene.settings().output;
     let (width, height) = scene.frame_map().output;
@@ -173,7 +189,6 @@ pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: 
         atomic_file::write(&beside(output, "summary.json"), to_json(&outcome.record)?.as_bytes())?;
     }
     if let Some(folder) = report {
-        std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
         write_png(&folder.join("contact-sheet.png"), &contact_sheet(&frames, 4, SHEET_WIDTH))?;
         for (name, picture) in &outcome.pictures {
             write_png(&folder.join(name).with_extension("png"), picture)?;
@@ -183,9 +198,22 @@ pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: 
     Ok(outcome.record)
 }
 
-/// `falls.mp4` and `scene.toml` to `falls.scene.toml`.
+/// Refuses to write over what the scene is made from.
+fn refuse_input(output: &Path, file: &SceneFile) -> Result<()> {
+    let Ok(output) = output.canonicalize() else { return Ok(()) };
+    let SceneFile { picture, matte, background, reference, library, .. } = file;
+    let mut inputs = [matte, background, reference].into_iter().flatten().chain(library).chain([picture]);
+    match inputs.find(|path| path.canonicalize().is_ok_and(|path| path == output)) {
+        Some(path) => Err(Error::file(Kind::Usage, path, "is read for this video and would be written over")
+            .remedy("give another name with -o")),
+        None => Ok(()),
+    }
+}
+
+/// `falls.mp4` and `scene.toml` to `falls.scene.toml`; a folder keeps its whole name.
 fn beside(output: &Path, what: &str) -> PathBuf {
-    let mut name = output.file_stem().unwrap_or_default().to_os_string();
+    let name = if output.is_dir() { output.file_name() } else { output.file_stem() };
+    let mut name = name.unwrap_or_default().to_os_string();
     name.push(".");
     name.push(what);
     output.with_file_name(name)

@@ -1,7 +1,8 @@
 //! What both programs share: progress on the terminal, Ctrl-C, threads, exit codes.
 
 use std::collections::BTreeMap;
-use std::io::IsTerminal;
+use std::fmt::{Arguments, Display};
+use std::io::{ErrorKind, IsTerminal, Write};
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -99,13 +100,13 @@ impl Observer for Terminal {
             bar.finish_and_clear();
         }
         if !self.quiet && seconds >= 1.0 {
-            self.bars.suspend(|| eprintln!("{stage}: {seconds:.1} s"));
+            self.bars.suspend(|| complain(format_args!("{stage}: {seconds:.1} s")));
         }
     }
 
     fn note(&self, message: &str) {
         if !self.quiet {
-            self.bars.suspend(|| eprintln!("{message}"));
+            self.bars.suspend(|| complain(message));
         }
     }
 
@@ -119,10 +120,38 @@ pub fn exit(result: Result<()>) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error}");
+            complain(format_args!("error: {error}"));
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// Writes a line to standard error. When nobody reads it any more there is nobody to tell.
+fn complain(line: impl Display) {
+    let _ = writeln!(std::io::stderr(), "{line}");
+}
+
+/// Writes a line of results to standard output; a reader that has gone (`| head`) has seen what it wanted.
+pub fn write_line(line: Arguments) {
+    if let Err(error) = writeln!(std::io::stdout(), "{line}")
+        && error.kind() != ErrorKind::BrokenPipe
+    {
+        complain(format_args!("error: standard output: cannot write: {error}"));
+        std::process::exit(1);
+    }
+}
+
+/// [`write_line`], formatted as by `println!`.
+#[macro_export]
+macro_rules! say {
+    ($($part:tt)*) => { $crate::cli::common::write_line(format_args!($($part)*)) };
+}
+pub use say;
+
+/// A number of things: "1 clip", "2 clips".
+pub fn counted(count: impl Into<u64>, what: &str) -> String {
+    let count = count.into();
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 /// Seconds as "1 h 02 min", "3 min 05 s" or "4.2 s".
@@ -156,6 +185,7 @@ mod tests {
         assert_eq!(duration(4.21), "4.2 s");
         assert_eq!(duration(185.0), "3 min 05 s");
         assert_eq!(duration(3725.0), "1 h 02 min");
+        assert_eq!((counted(1u64, "clip"), counted(2u64, "clip")), ("1 clip".to_owned(), "2 clips".to_owned()));
         assert_eq!(bytes(999), "999 B");
         assert_eq!(bytes(12_340_000), "12.3 MB");
     }

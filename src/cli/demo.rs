@@ -7,7 +7,7 @@ use crate::base::atomic_file;
 use crate::base::error::{Error, Result};
 use crate::base::observe::Observer;
 use crate::cli::animate::animate;
-use crate::cli::common::{bytes, duration};
+use crate::cli::common::{bytes, counted, duration, say};
 use crate::library::build::{Options, build};
 use crate::scene::scene;
 
@@ -64,11 +64,11 @@ impl Demo {
             let pack = self.output.join(name).with_extension("pack");
             let options = Options { tag: name.to_owned(), stride: STRIDE, ..Options::default() };
             let report = build(&[input.join(clips)], &pack, &options, observer)?;
-            println!(
-                "{}: {} clips, {} pieces, {}",
+            say!(
+                "{}: {}, {}, {}",
                 pack.display(),
-                report.accepted.len(),
-                report.pieces,
+                counted(report.accepted.len() as u64, "clip"),
+                counted(report.pieces, "piece"),
                 bytes(report.bytes)
             );
         }
@@ -77,9 +77,9 @@ impl Demo {
             file.library = vec![self.output.join(library).with_extension("pack")];
             let video = self.output.join(name).with_extension("mp4");
             let record = animate(file, &video, Some(&self.output.join(name)), observer)?;
-            println!("{}: {} frames in {}", video.display(), record.scene.output.frames, duration(record.seconds));
+            say!("{}: {} frames in {}", video.display(), record.scene.output.frames, duration(record.seconds));
         }
-        println!(
+        say!(
             "all in {}; look at {} and the contact sheets beside the videos",
             duration(start.elapsed().as_secs_f64()),
             self.output.join("falls.mp4").display()

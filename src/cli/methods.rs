@@ -3,6 +3,7 @@
 use serde_json::json;
 
 use crate::base::error::Result;
+use crate::cli::common::say;
 use crate::synth::{MethodEntry, REGISTRY};
 
 /// List the methods and all their options.
@@ -20,7 +21,7 @@ impl Methods {
     /// None today.
     pub fn run(&self) -> Result<()> {
         if self.json {
-            println!("{}", REGISTRY.iter().map(as_json).collect::<serde_json::Value>());
+            say!("{}", REGISTRY.iter().map(as_json).collect::<serde_json::Value>());
         } else {
             REGISTRY.iter().for_each(print);
         }
@@ -29,12 +30,20 @@ impl Methods {
 }
 
 fn print(method: &MethodEntry) {
-    println!("{}: {}\n  {}", method.name, method.summary, method.citation);
+    say!("{}: {}\n  {}", method.name, method.summary, method.citation);
     for option in (method.options)() {
         let (low, high) = option.range;
-        println!(
-            "  --set {}.{}={}   {} to {} {}\n      {} ({})",
-            method.name, option.name, option.default, low, high, option.unit, option.doc, option.section
+        let section = if option.section.is_empty() { String::new() } else { format!("({})", option.section) };
+        say!(
+            "  --set {}.{}={}   {} to {} {}\n      {} {}",
+            method.name,
+            option.name,
+            option.default,
+            low,
+            high,
+            option.unit,
+            option.doc,
+            section
         );
     }
 }

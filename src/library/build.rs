@@ -165,8 +165,17 @@ pub fn build(clips: &[PathBuf], output: &Path, options: &Options, observer: &dyn
         bytes: 0,
         seconds: [0.0; 3],
     };
-    let clips = timed(&mut report.seconds[0], || analyse_all(&files, &workshop, options, observer))?;
-    let (sources, segments) = clips.sort_out(&mut report)?;
+    let clips = timed(&mut report.seconds[0], || analyse_all(&files, &workshop, options, observer));
+    let clips = clips.map_err(|error| match error.kind() {
+        Kind::Interrupted => error.remedy("run the same command again to go on"),
+        _ => error,
+    })?;
+    if clips.none_used() {
+        let error = clips.none_can_be_used();
+        workshop.remove()?;
+        return Err(error);
+    }
+    let (sources, segments) = clips.sort_out(&mut report);
     let tables = timed(&mut report.seconds[1], || features::compute(&segments, options, observer))?;
     report.bytes = timed(&mut report.seconds[2], || write(output, &tables, &segments, observer))?;
     report.complete(sources, &segments, &tables);
@@ -197,7 +206,7 @@ type Sources = Vec<(PathBuf, bool)>;
 
 impl Outcomes {
     /// Notes refusals and duplicates in the report; gives the clips to use, ordered by content.
-    fn sort_out(self, report: &mut BuildReport) -> Result<(Sources, Vec<Segment>)> {
+    fn sort_out(self, report: &mut BuildReport) -> (Sources, Vec<Segment>) {
         let mut used = Vec::new();
         for (path, outcome) in self.0 {
             match outcome {
@@ -206,14 +215,29 @@ impl Outcomes {
                 Outcome::Duplicate => report.duplicates.push(path),
             }
         }
-        if used.is_empty() {
-            let reasons: Vec<String> =
-                report.refused.iter().map(|r| format!("{}: {}", r.path.display(), r.reason)).collect();
-            return Err(Error::new(Kind::Unusable, "clips", format!("none can be used ({})", reasons.join("; ")))
-                .remedy("film with a fixed camera; `enliven-db scan` tells what is wrong with each clip"));
-        }
         used.sort_by_key(|(_, _, segment)| segment.meta.id);
-        Ok(used.into_iter().map(|(path, resumed, segment)| ((path, resumed), segment)).unzip())
+        used.into_iter().map(|(path, resumed, segment)| ((path, resumed), segment)).unzip()
+    }
+
+    fn none_used(&self) -> bool {
+        !self.0.iter().any(|(_, outcome)| matches!(outcome, Outcome::Used(..)))
+    }
+
+    /// The error when no clip can be used: of one clip with its reason, of several with the first one's.
+    fn none_can_be_used(&self) -> Error {
+        let reason = |(path, outcome): &(PathBuf, Outcome)| match outcome {
+            Outcome::Refused(reason) => Some((path.clone(), reason.clone())),
+            _ => None,
+        };
+        let refused: Vec<(PathBuf, String)> = self.0.iter().filter_map(reason).collect();
+        match &refused[..] {
+            [(path, reason)] => Error::file(Kind::Unusable, path, reason.clone()),
+            [(path, reason), ..] => {
+                let problem = format!("none of {} can be used; {}: {reason}", refused.len(), path.display());
+                Error::new(Kind::Unusable, "clips", problem).remedy("`enliven-db scan` tells about each of the clips")
+            }
+            [] => Error::new(Kind::Unusable, "clips", "none given"),
+        }
     }
 }
 
@@ -225,7 +249,7 @@ fn analyse_all(files: &[PathBuf], workshop: &Workshop, options: &Options, observ
         for path in files {
             observe::check(observer)?;
             let outcome = one_clip(path, &mut seen, workshop, options, observer)?;
-            if let Outcome::Refused(reason) = &outcome {
+            if let (Outcome::Refused(reason), true) = (&outcome, files.len() > 1) {
                 observer.note(&format!("{} is left out: {reason}", path.display()));
             }
             outcomes.push((path.clone(), outcome));

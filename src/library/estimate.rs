@@ -55,11 +55,14 @@ impl Estimate {
         // The segments and the pack exist side by side for a moment.
         let disk = 2.0 * self.bytes;
         let seconds = self.core_seconds / par::threads().max(1) as f64;
+        if self.clips == 0 {
+            return Ok(());
+        }
         observer.note(&format!(
-            "{} clips: about {} on {} threads; a pack of about {}, and twice that on the disk while building",
-            self.clips,
+            "{}: about {} on {}; a pack of about {}, and twice that on the disk while building",
+            counted(self.clips, "clip"),
             duration(seconds),
-            par::threads(),
+            counted(par::threads(), "thread"),
             size(self.bytes)
         ));
         match free_space(output) {
@@ -89,6 +92,10 @@ fn free_space(path: &Path) -> Option<f64> {
         let _ = path;
         None
     }
+}
+
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
 }
 
 fn duration(seconds: f64) -> String {

@@ -1,11 +1,13 @@
 //! The folder `L.pack.build` of an unfinished build: one segment per analysed clip, locked.
 
 use std::fs::{self, File};
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
-use super::format::{MAJOR, MINOR, Parameters};
+use super::format::{MAGIC, MAJOR, MINOR, Parameters};
 use super::piece::ClipId;
 use super::segment::Segment;
+use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 
@@ -33,6 +35,8 @@ impl Workshop {
         if output.is_dir() {
             return Err(Error::file(Kind::Usage, output, "is a folder").remedy("give -o FOLDER/NAME.pack"));
         }
+        refuse_stranger(output)?;
+        atomic_file::check_writable(output)?;
         let folder = output.with_file_name(format!("{}.build", name.to_string_lossy()));
         // A build that ends removes its folder; whoever came between opening and locking the file starts again.
         for _ in 0..10 {
@@ -103,17 +107,35 @@ impl Workshop {
     /// # Errors
     /// When a segment cannot be removed.
     pub fn remove(self) -> Result<()> {
-        for path in list(&self.folder)? {
-            if path.extension().is_some_and(|e| e == SEGMENT) {
-                fs::remove_file(&path).map_err(|e| Error::io(&path, "remove", e))?;
-            }
-        }
-        let lock = self.folder.join(LOCK);
-        fs::remove_file(&lock).map_err(|e| Error::io(&lock, "remove", e))?;
-        // Fails, harmlessly, when somebody keeps other files in it.
-        let _ = fs::remove_dir(&self.folder);
-        Ok(())
+        self.segments()?.iter().try_for_each(|path| fs::remove_file(path).map_err(|e| Error::io(path, "remove", e)))
     }
+
+    fn segments(&self) -> Result<Vec<PathBuf>> {
+        Ok(list(&self.folder)?.into_iter().filter(|p| p.extension().is_some_and(|e| e == SEGMENT)).collect())
+    }
+}
+
+impl Drop for Workshop {
+    /// A folder in which nothing waits for the next build goes, with its lock.
+    fn drop(&mut self) {
+        if self.segments().is_ok_and(|s| s.is_empty()) {
+            // Both fail harmlessly; the folder stays when somebody keeps other files in it.
+            let _ = fs::remove_file(self.folder.join(LOCK));
+            let _ = fs::remove_dir(&self.folder);
+        }
+    }
+}
+
+/// Refuses to replace a file that is not a library, such as a clip named by mistake.
+fn refuse_stranger(output: &Path) -> Result<()> {
+    let mut head = Vec::new();
+    let Ok(file) = File::open(output) else { return Ok(()) };
+    file.take(MAGIC.len() as u64).read_to_end(&mut head).map_err(|e| Error::io(output, "read", e))?;
+    if head.is_empty() || head == MAGIC {
+        return Ok(());
+    }
+    Err(Error::file(Kind::Usage, output, "exists and is not a library, so it is not replaced")
+        .remedy("give another name with -o"))
 }
 
 /// Makes the folder unless it is there; its parent must be.

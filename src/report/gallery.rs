@@ -118,7 +118,7 @@ main{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,26rem),
 article{border:1px solid #8884;border-radius:8px;padding:1rem}h2{font:600 1rem ui-monospace,monospace;margin:0 0 .5rem}\
 .tag{background:#48a;color:#fff;border-radius:4px;padding:0 .4em}.views{display:flex;gap:.5rem}\
 figure{margin:0;flex:1}figure>*{width:100%;display:block}figcaption{font-size:.8rem;opacity:.7}\
-p{margin:.4rem 0}.bar{background:#8883;height:6px;border-radius:3px}.bar div{background:#48a;height:100%;border-radius:3px}";
+p{margin:.4rem 0}body>p{margin:0 0 1.2rem}.bar{background:#8883;height:6px;border-radius:3px}.bar div{background:#48a;height:100%;border-radius:3px}";
 
 fn page(pack: &Pack, title: &str, cards: &[Markup]) -> Markup {
     html! {
@@ -133,7 +133,7 @@ fn page(pack: &Pack, title: &str, cards: &[Markup]) -> Markup {
             body {
                 h1 { "Library " (title) }
                 p {
-                    (pack.clips().len()) " clips, " (pack.piece_count()) " pieces, " (Variant::COUNT)
+                    (pack.clips().len()) @if pack.clips().len() == 1 { " clip, " } @else { " clips, " } (pack.piece_count()) " pieces, " (Variant::COUNT)
                     " variants of each clip. In the motion pictures red is to the right, yellow-green down, cyan to the "
                     "left, violet up; white is still."
                 }

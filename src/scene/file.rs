@@ -85,7 +85,7 @@ impl Default for Output {
 /// # Errors
 /// Broken TOML, unknown keys (naming the nearest), wrong sorts of values.
 pub fn parse(text: &str, path: &Path) -> Result<SceneFile> {
-    let bad = |e: toml::de::Error| Error::file(Kind::Usage, path, one_line(&e.to_string())).source(e);
+    let bad = |e: toml::de::Error| Error::file(Kind::Usage, path, explain(&e, text)).source(e);
     let table: toml::Table = text.parse().map_err(bad)?;
     for (key, value) in &table {
         let inner = || value.as_table().into_iter().flat_map(|t| t.keys().map(String::as_str));
@@ -125,6 +125,15 @@ pub fn set(scene: &mut SceneFile, text: &str) -> Result<()> {
     Ok(())
 }
 
-fn one_line(text: &str) -> String {
-    text.split_whitespace().collect::<Vec<_>>().join(" ")
+/// What is wrong with a scene file and in which line, in words for people.
+fn explain(error: &toml::de::Error, text: &str) -> String {
+    let line = error.span().map(|s| text.get(..s.start).unwrap_or_default().matches('\n').count() + 1);
+    let said = if line.is_some() { error.message().to_owned() } else { error.to_string() };
+    let words = said.split_whitespace().map(|word| match word.trim_end_matches(',') {
+        "usize" | "u64" => "a whole number",
+        "f32" => "a number",
+        _ => word,
+    });
+    let said = words.collect::<Vec<_>>().join(" ");
+    line.map_or(said.clone(), |line| format!("line {line}: {said}"))
 }

@@ -38,13 +38,15 @@ impl FrameMap {
         let (working, output) = (fit(picture, working_long), fit(picture, DEFAULT_LONG_SIDE));
         let output = size.map_or(output, |[w, h]| (w, h));
         if working.0.min(working.1) < PIECE {
-            return Err(Error::new(
-                Kind::Unusable,
-                "picture",
-                format!("{} × {} pixels, {} × {} at working size", picture.0, picture.1, working.0, working.1),
-            )
-            .allowed(format!("at least {PIECE} pixels each way at working size, the side of a piece of motion"))
-            .remedy("use a larger picture, or a larger --working-size for a long thin one"));
+            let problem = format!("too small: {} × {} pixels", picture.0, picture.1);
+            let (shrunk, remedy) = if working == picture {
+                (String::new(), "use a larger picture")
+            } else {
+                (format!(", {} × {} at working size", working.0, working.1), "give a larger --working-size")
+            };
+            return Err(Error::new(Kind::Unusable, "picture", problem + &shrunk)
+                .allowed(format!("at least {PIECE} pixels each way, the side of a piece of motion"))
+                .remedy(remedy));
         }
         let height = (output.0 as f64 * picture.1 as f64 / picture.0 as f64).round() as usize;
         if output.1.abs_diff(height) > 2 {

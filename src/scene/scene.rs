@@ -21,6 +21,11 @@ pub const SCENE_FILE: &str = "scene.toml";
 /// A missing or unreadable file, or those of [`file::parse`].
 pub fn open(path: &Path) -> Result<SceneFile> {
     let path = if path.is_dir() { path.join(SCENE_FILE) } else { path.to_owned() };
+    if !path.exists() {
+        return Err(Error::file(Kind::Io, &path, "there is no such file")
+            .allowed("a picture, a scene file, or a folder with a scene.toml")
+            .remedy("check the name"));
+    }
     if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
         return Ok(SceneFile { picture: path, ..SceneFile::default() });
     }
@@ -79,10 +84,13 @@ impl Scene {
         for (path, what) in [(&file.matte, "matte"), (&file.background, "background")] {
             path.as_deref().map_or(Ok(()), |path| same_size(path, what, size))?;
         }
-        for path in file.library.iter().chain(&file.reference) {
-            exists(path)?;
-        }
-        let map = FrameMap::new(size, file.output.size, file.output.working_size)?;
+        file.library.iter().try_for_each(|path| library_exists(path))?;
+        file.reference.iter().try_for_each(|path| exists(path))?;
+        let map =
+            FrameMap::new(size, file.output.size, file.output.working_size).map_err(|error| match error.kind() {
+                Kind::Unusable => error.about(file.picture.display()),
+                _ => error,
+            })?;
         Ok(Self { file, map })
     }
 
@@ -128,7 +136,7 @@ impl Scene {
         let matte = match &self.file.matte {
             Some(path) => read_matte(path)?,
             None => {
-                observer.note("no matte given: all of the picture moves");
+                observer.note("no matte given: all of the picture moves; name one with --matte");
                 Plane::filled(map.picture.0, map.picture.1, 1.0)
             }
         };
@@ -183,12 +191,20 @@ fn exists(path: &Path) -> Result<()> {
     std::fs::metadata(path).map(|_| ()).map_err(|e| Error::io(path, "open", e))
 }
 
+fn library_exists(path: &Path) -> Result<()> {
+    if path.exists() {
+        return Ok(());
+    }
+    Err(Error::file(Kind::Io, path, "no such library")
+        .remedy("build one with `enliven-db build CLIPS -o NAME.pack`, or name an existing one"))
+}
+
 /// Reads a matte, which must have a pixel of fluid.
 fn read_matte(path: &Path) -> Result<Plane> {
     let matte = read_grey(path)?;
     if matte.data.iter().all(|&v| v < 0.5 / 255.0) {
         return Err(Error::file(Kind::Unusable, path, "the matte is all black: nothing would move")
-            .allowed("white where the fluid is"));
+            .remedy("paint white where the fluid is"));
     }
     Ok(matte)
 }

@@ -183,7 +183,7 @@ impl Database {
 fn check_sources(sources: &Sources) -> Result<()> {
     if sources.packs.is_empty() {
         return Err(Error::new(Kind::Usage, "library", "the database method needs a library")
-            .remedy("make one with enliven-db build, and name it with --library"));
+            .remedy("build one with `enliven-db build CLIPS -o NAME.pack`, and name it with --library NAME.pack"));
     }
     Ok(())
 }

@@ -89,7 +89,7 @@ enum Target {
 }
 
 /// What names [`create`] accepts, for messages.
-pub const SUPPORTED: &str = ".mp4, .gif, .y4m, a folder (for PNG frames), or - (Y4M on standard output)";
+pub const SUPPORTED: &str = ".mp4, .gif, .y4m, a folder for PNG frames, or - for Y4M on standard output";
 
 impl Target {
     fn of(path: &Path) -> Result<Self> {
@@ -105,7 +105,7 @@ impl Target {
             Some("mp4") => Ok(Self::Mp4),
             Some("gif") => Ok(Self::Gif),
             Some("y4m") => Ok(Self::Y4m),
-            Some(other) => Err(Error::file(Kind::Unsupported, path, format!("cannot write .{other}"))
+            Some(other) => Err(Error::file(Kind::Usage, path, format!("cannot write .{other}"))
                 .allowed(SUPPORTED)
                 .remedy("choose one of these, or end the name of a folder with a slash")),
         }
@@ -199,7 +199,7 @@ mod tests {
         assert_eq!(target("take.2/").unwrap(), Target::Folder);
         assert_eq!(Target::of(folder.path()).unwrap(), Target::Folder);
         let error = target("a.mkv").unwrap_err();
-        assert_eq!(error.kind(), Kind::Unsupported);
+        assert_eq!(error.kind(), Kind::Usage);
         assert!(error.to_string().contains(".mp4"), "{error}");
     }
 }

@@ -1,0 +1,554 @@
+//! Both programs as a person meets them: what they print, what they leave behind, and how they refuse.
+//!
+//! ffmpeg is hidden from them throughout (an empty PATH), so that the results do not depend on the machine.
+
+#[allow(dead_code, reason = "the programs make their own options")]
+mod common;
+
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::Output;
+use std::sync::OnceLock;
+
+use assert_cmd::Command;
+use enliven::raster::image::{Plane, Rgb8};
+use enliven::raster::picture_io::{write_grey_png, write_png};
+use serde_json::Value;
+use tempfile::TempDir;
+
+const FAILED: i32 = 1;
+const USAGE: i32 = 2;
+/// Size of the picture that is animated.
+const SIZE: (usize, usize) = (112, 80);
+
+fn program(name: &str, folder: &Path) -> Command {
+    let mut command = Command::cargo_bin(name).unwrap();
+    command.current_dir(folder).env("PATH", "");
+    command
+}
+
+fn run<S: AsRef<OsStr>>(name: &str, folder: &Path, arguments: &[S]) -> Output {
+    program(name, folder).args(arguments).output().unwrap()
+}
+
+/// Arguments separated by blanks.
+fn words(line: &str) -> Vec<&str> {
+    line.split_whitespace().collect()
+}
+
+fn stderr(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn stdout(output: &Output) -> String {
+    String::from_utf8(output.stdout.clone()).unwrap()
+}
+
+/// Runs a line of a program that must succeed.
+fn succeed(folder: &Path, line: &str) -> Output {
+    let all = words(line);
+    let output = run(all[0], folder, &all[1..]);
+    assert!(output.status.success(), "{line}: {}", stderr(&output));
+    output
+}
+
+/// Everything in a folder and below, by name.
+fn tree(folder: &Path) -> Vec<PathBuf> {
+    let mut paths = Vec::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_dir() {
+            paths.extend(tree(&path));
+        }
+        paths.push(path);
+    }
+    paths.sort();
+    paths
+}
+
+/// Runs a line that must be refused with `code` and one line of error that holds all `parts`, leaving nothing behind.
+fn refuse(folder: &Path, line: &str, code: i32, parts: &[&str]) {
+    let before = tree(folder);
+    let all = words(line);
+    let output = run(all[0], folder, &all[1..]);
+    let said = stderr(&output);
+    assert_eq!(output.status.code(), Some(code), "{line}: {said}");
+    assert!(!said.contains("panicked") && !said.contains("os error"), "{line}: {said}");
+    let errors: Vec<&str> = said.lines().filter(|l| l.starts_with("error: ")).collect();
+    assert_eq!(errors.len(), 1, "{line}: {said}");
+    for part in parts {
+        assert!(errors[0].contains(part), "{line}: {part:?} is not in {said}");
+    }
+    assert_eq!(tree(folder), before, "{line}: something was left behind");
+}
+
+/// A library of two small clips, built once by the program itself.
+fn library() -> &'static Path {
+    static LIBRARY: OnceLock<PathBuf> = OnceLock::new();
+    LIBRARY.get_or_init(|| {
+        let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("cli-library");
+        fs::create_dir_all(&folder).unwrap();
+        common::write_clip(&folder.join("a.y4m"), 1);
+        common::write_clip(&folder.join("b.y4m"), 2);
+        succeed(&folder, "enliven-db build a.y4m b.y4m -o l.pack --stride 16 --tag water");
+        folder.join("l.pack")
+    })
+}
+
+/// A folder with a picture, mattes and the library.
+fn studio() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let (width, height) = SIZE;
+    let picture = |width: usize, height: usize| {
+        let pixel = |i: usize| {
+            let (x, y) = (i % width, i / width);
+            [(x * 7 + y * 13) as u8, (x * x + y) as u8, (x + y * y / 3) as u8]
+        };
+        Rgb8 { width, height, data: (0..width * height).flat_map(pixel).collect() }
+    };
+    let right = |x: usize, _| f32::from(u8::from(x > width / 4));
+    write_png(&at("picture.png"), &picture(width, height)).unwrap();
+    write_png(&at("small.png"), &picture(40, 80)).unwrap();
+    write_png(&at("dot.png"), &picture(1, 1)).unwrap();
+    write_grey_png(&at("matte.png"), &Plane::from_fn(width, height, right)).unwrap();
+    write_grey_png(&at("black.png"), &Plane::filled(width, height, 0.0)).unwrap();
+    write_grey_png(&at("other.png"), &Plane::filled(50, height, 1.0)).unwrap();
+    fs::write(at("text.png"), "This is not a picture.\n").unwrap();
+    fs::write(at("text.pack"), "This is not a library.\n").unwrap();
+    fs::create_dir(at("empty")).unwrap();
+    fs::copy(library(), at("l.pack")).unwrap();
+    folder
+}
+
+/// A real MP4, from the fixtures.
+fn fixture() -> Vec<u8> {
+    fs::read(Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/clips/fire/flames.mp4")).unwrap()
+}
+
+#[test]
+fn clips_that_are_none_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, bytes: &[u8]| fs::write(folder.path().join(name), bytes).unwrap();
+    let whole = fixture();
+    put("text.mp4", b"These are only words.\n");
+    put("empty.mp4", b"");
+    put("cut.mp4", &whole[..whole.len() / 3]);
+    put("head.mp4", &whole[..100]);
+    put("noframes.y4m", b"YUV4MPEG2 W96 H80 F25:1 Ip A1:1 C420jpeg\n");
+    put("nothing.mp4", b"\0\0\0\x10ftypisom\0\0\0\0\0\0\0\x08moov");
+    let mut hevc = whole;
+    let entry = hevc.windows(4).position(|w| w == b"stsd").unwrap() + 16;
+    assert_eq!(&hevc[entry..entry + 4], b"avc1");
+    hevc[entry..entry + 4].copy_from_slice(b"hvc1");
+    put("phone.mp4", &hevc);
+    fs::create_dir(folder.path().join("none")).unwrap();
+    put("none/notes.txt", b"no clip");
+    let cases: &[(&str, &[&str])] = &[
+        ("text.mp4", &["text.mp4: not a video", "allowed: MP4", "check that it is a video that plays"]),
+        ("empty.mp4", &["empty.mp4: the file is empty"]),
+        ("cut.mp4", &["cut.mp4: ", "the file ends before it", "export it again"]),
+        ("head.mp4", &["head.mp4: "]),
+        ("noframes.y4m", &["noframes.y4m: the clip has no frames"]),
+        ("nothing.mp4", &["nothing.mp4: "]),
+        ("phone.mp4", &["phone.mp4: ", "HEVC", "install ffmpeg", "H.264"]),
+        ("none", &["none: there is no clip in this folder", "mp4"]),
+        ("missing.mp4", &["missing.mp4: ", "there is no such file or folder"]),
+    ];
+    for (name, parts) in cases {
+        refuse(folder.path(), &format!("enliven-db scan {name}"), FAILED, parts);
+        refuse(folder.path(), &format!("enliven-db build {name} -o l.pack"), FAILED, parts);
+    }
+    let several = ["none of 2 can be used", "text.mp4: not a video", "scan"];
+    refuse(folder.path(), "enliven-db build text.mp4 empty.mp4 -o l.pack", FAILED, &several);
+}
+
+#[test]
+fn a_build_refuses_bad_options_and_places() {
+    let folder = studio();
+    common::write_clip(&folder.path().join("a.y4m"), 1);
+    let cases: &[(&str, i32, &[&str])] = &[
+        ("-o none/l.pack", FAILED, &["none/l.pack: the folder none does not exist", "make that folder"]),
+        ("-o text.png/l.pack", FAILED, &["text.png is a file, not a folder"]),
+        ("-o empty", USAGE, &["empty: is a folder", "NAME.pack"]),
+        ("-o a.y4m", USAGE, &["a.y4m: exists and is not a library", "another name"]),
+        ("-o new.pack --stride 10", USAGE, &["--stride", "multiples of 4 from 4 to 48"]),
+        ("-o new.pack --working-size 1", USAGE, &["--working-size", "64 to 4096"]),
+        ("-o new.pack --tag a,b", USAGE, &["--tag"]),
+        ("-o new.pack --threads 100000", USAGE, &["--threads", "0 to 256"]),
+        ("", USAGE, &["required"]),
+    ];
+    for (arguments, code, parts) in cases {
+        refuse(folder.path(), &format!("enliven-db build a.y4m {arguments}"), *code, parts);
+    }
+}
+
+#[test]
+fn foreign_newer_damaged_and_missing_packs_are_refused() {
+    let folder = studio();
+    let whole = fs::read(library()).unwrap();
+    let put = |name: &str, change: &dyn Fn(&mut Vec<u8>)| {
+        let mut bytes = whole.clone();
+        change(&mut bytes);
+        fs::write(folder.path().join(name), bytes).unwrap();
+    };
+    // The major version is judged first: a later one may keep its checksums elsewhere.
+    put("newer.pack", &|bytes| bytes[8] += 1);
+    put("cut.pack", &|bytes| bytes.truncate(bytes.len() / 2));
+    let cases: &[(&str, &[&str])] = &[
+        ("text.pack", &["text.pack: not an Enliven pack", "enliven-db build"]),
+        ("newer.pack", &["newer.pack: pack of version", "use a newer Enliven"]),
+        ("cut.pack", &["cut.pack: "]),
+        ("none.pack", &["none.pack: no such library", "enliven-db build"]),
+        ("empty", &["empty: ", "folder"]),
+    ];
+    for (pack, parts) in cases {
+        for command in ["verify", "inspect", "inspect --json", "gallery"] {
+            refuse(folder.path(), &format!("enliven-db {command} {pack}"), FAILED, parts);
+        }
+        refuse(folder.path(), &format!("enliven animate picture.png --library {pack} -o x.mp4"), FAILED, parts);
+    }
+    put("flipped.pack", &|bytes| {
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+    });
+    refuse(folder.path(), "enliven-db verify flipped.pack", FAILED, &["flipped.pack: ", "damaged"]);
+}
+
+#[test]
+fn animate_refuses_bad_pictures_and_mattes() {
+    let folder = studio();
+    let smaller = "at least 48 pixels each way";
+    let cases: &[(&str, &[&str])] = &[
+        ("small.png", &["small.png: too small: 40 × 80 pixels", smaller, "larger picture"]),
+        ("dot.png", &["dot.png: too small: 1 × 1 pixels", smaller]),
+        ("text.png", &["text.png: is not a picture", "PNG, JPEG", "convert it to PNG"]),
+        ("none.png", &["none.png: there is no such file", "a picture, a scene file"]),
+        ("empty", &["empty/scene.toml: there is no such file", "a folder with a scene.toml"]),
+        ("picture.png --matte other.png", &["other.png: the matte is 50 × 80", "112 × 80", "make the matte"]),
+        ("picture.png --matte black.png", &["black.png: the matte is all black", "paint white where the fluid is"]),
+        ("picture.png --matte text.png", &["text.png: is not a picture", "convert it to PNG"]),
+        ("picture.png --matte none.png", &["none.png: ", "there is no such file"]),
+        ("picture.png --background other.png", &["other.png: the background is 50 × 80"]),
+        ("picture.png --use fire", &["no clip of the library is tagged fire", "water"]),
+    ];
+    for (arguments, parts) in cases {
+        let line = format!("enliven animate {arguments} --library l.pack -o x.mp4");
+        refuse(folder.path(), &line, FAILED, parts);
+    }
+}
+
+#[test]
+fn animate_refuses_bad_places() {
+    let folder = studio();
+    let output = |arguments: &str, code: i32, parts: &[&str]| {
+        refuse(folder.path(), &format!("enliven animate picture.png {arguments}"), code, parts);
+    };
+    output(
+        "--library l.pack -o none/x.mp4",
+        FAILED,
+        &["none/x.mp4: the folder none does not exist", "make that folder"],
+    );
+    output("--library l.pack -o text.png/x.mp4", FAILED, &["text.png is a file, not a folder"]);
+    output("--library l.pack -o x.mp4 --report text.png", FAILED, &["text.png: cannot make the folder", "in the way"]);
+    output("--library l.pack -o x.mkv", USAGE, &["x.mkv: cannot write .mkv", ".mp4, .gif, .y4m, a folder"]);
+    output("--library l.pack -o picture.png", USAGE, &["picture.png: "]);
+    output("--library l.pack -o l.pack", USAGE, &["l.pack: is read for this video", "another name"]);
+    output("--library l.pack -o - --json", USAGE, &["--json: standard output carries the video", "leave out --json"]);
+    output("-o x.mp4", USAGE, &["library", "enliven-db build CLIPS -o NAME.pack", "--library"]);
+    output("--library l.pack", USAGE, &["required"]);
+}
+
+#[test]
+fn animate_refuses_bad_values() {
+    let folder = studio();
+    let cases: &[(&str, &[&str])] = &[
+        ("--frames 0", &["output.frames", "2 to 100000"]),
+        ("--frames -3", &["--frames", "whole number"]),
+        ("--frames many", &["--frames", "whole number"]),
+        ("--fps 0", &["output.fps", "1 to 240"]),
+        ("--direction 1000", &["motion.direction", "-360 to 360 degrees; 0 = right, 90 = down"]),
+        ("--direction nan", &["motion.direction", "-360 to 360"]),
+        ("--direction north", &["--direction", "write a number"]),
+        ("--size 100x100", &["output.size", "another shape", "allowed: 100 × 71"]),
+        ("--size big", &["--size", "1280x720"]),
+        ("--working-size 3", &["output.working_size", "96 to 4096"]),
+        ("--method databse", &["no method \"databse\"", "database"]),
+        ("--set shutter=3", &["--set", "METHOD.KEY=VALUE", "for example"]),
+        ("--set database.shuter=3", &["database.shuter: no such key", "did you mean \"shutter\"?"]),
+        ("--set databse.shutter=3", &["databse: no such key", "did you mean \"database\"?"]),
+        ("--set database.shutter=3000", &["database.shutter: 3000 is out of range", "from 0 to 100"]),
+        ("--set database.shutter=wide", &["database.shutter", "is not a number"]),
+        ("--threads 100000", &["--threads", "0 to 256"]),
+    ];
+    for (arguments, parts) in cases {
+        let line = format!("enliven animate picture.png --library l.pack -o x.mp4 {arguments}");
+        refuse(folder.path(), &line, USAGE, parts);
+    }
+}
+
+#[test]
+fn scene_files_are_refused_with_key_or_line() {
+    let folder = studio();
+    let cases: &[(&str, &[&str])] = &[
+        ("picture = 'picture.png'\nlibary = ['l.pack']", &["libary: no such key", "did you mean \"library\"?"]),
+        ("picture = 'picture.png'\n[output]\nframe = 3", &["output.frame: no such key", "did you mean \"frames\"?"]),
+        ("[motion]\ndirection = 90\n\npicture = picture.png", &["scene.toml: line 4: ", "quoted"]),
+        ("picture = 'picture.png'\n[output]\nframes = 'x'", &["scene.toml: ", "a whole number", "output.frames"]),
+        ("matte = 'matte.png'", &["picture: no picture given"]),
+    ];
+    for (text, parts) in cases {
+        fs::write(folder.path().join("scene.toml"), text).unwrap();
+        refuse(folder.path(), "enliven animate scene.toml --library l.pack -o x.mp4", USAGE, parts);
+        refuse(folder.path(), "enliven animate . --library l.pack -o x.mp4", USAGE, parts);
+    }
+}
+
+#[test]
+fn a_library_is_built_shown_and_checked() {
+    let folder = tempfile::tempdir().unwrap();
+    common::write_clip(&folder.path().join("a.y4m"), 3);
+    let scanned: Value =
+        serde_json::from_slice(&succeed(folder.path(), "enliven-db scan a.y4m --json").stdout).unwrap();
+    assert_eq!((&scanned[0]["accepted"], &scanned[0]["frames"]), (&Value::Bool(true), &Value::from(common::FRAMES)));
+
+    let mut packs = Vec::new();
+    for threads in [1, 2] {
+        let line =
+            format!("enliven-db build a.y4m -o {threads}.pack --stride 16 --tag fall --threads {threads} --json");
+        let output = succeed(folder.path(), &line);
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        assert!(report["pieces"].as_u64().unwrap() > 0 && report["accepted"].as_array().unwrap().len() == 1);
+        // Without a terminal nothing moves: the estimate, and only stages that take long.
+        let (said, short) = (stderr(&output), |l: &str| l.starts_with("1 clip: about ") || l.ends_with(" s"));
+        assert!(said.lines().all(short) && !said.contains('\r') && !said.contains('\x1b'), "{said}");
+        packs.push(fs::read(folder.path().join(format!("{threads}.pack"))).unwrap());
+    }
+    assert!(packs[0] == packs[1], "the pack depends on the number of threads");
+    assert_eq!(tree(folder.path()).len(), 3);
+    let quiet = succeed(folder.path(), "enliven-db build a.y4m -o 1.pack --stride 16 --tag fall --quiet");
+    assert_eq!(stderr(&quiet), "");
+    assert!(stdout(&quiet).contains("1.pack: 1 clip, "));
+
+    let shown: Value =
+        serde_json::from_slice(&succeed(folder.path(), "enliven-db inspect 1.pack --json").stdout).unwrap();
+    assert_eq!((&shown["clips"][0]["tag"], &shown["stride"]), (&Value::from("fall"), &Value::from(16)));
+    assert!(stdout(&succeed(folder.path(), "enliven-db inspect 1.pack")).contains("fall"));
+    let sound: Value =
+        serde_json::from_slice(&succeed(folder.path(), "enliven-db verify 1.pack --json").stdout).unwrap();
+    assert_eq!((&sound["sound"], &sound["pieces"]), (&Value::Bool(true), &shown["pieces"]));
+
+    let output = succeed(folder.path(), "enliven-db gallery 1.pack");
+    assert_eq!(stdout(&output).trim(), "1.gallery/index.html");
+    let page = fs::read_to_string(folder.path().join("1.gallery/index.html")).unwrap();
+    let sources: Vec<&str> = page.split("src=\"").skip(1).map(|s| s.split('"').next().unwrap()).collect();
+    assert_eq!(sources.len(), 3);
+    assert!(
+        sources.iter().all(|s| folder.path().join("1.gallery").join(s).metadata().unwrap().len() > 100),
+        "{sources:?}"
+    );
+}
+
+#[test]
+fn frames_of_a_folder_are_a_clip() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::create_dir(folder.path().join("frames")).unwrap();
+    common::write_clip(&folder.path().join("a.y4m"), 3);
+    let clip = fs::read(folder.path().join("a.y4m")).unwrap();
+    let header = clip.iter().position(|&b| b == b'\n').unwrap() + 1;
+    let pixels = common::WIDTH * common::HEIGHT;
+    for (t, frame) in clip[header..].chunks(6 + pixels * 3 / 2).enumerate() {
+        let data = frame[6..6 + pixels].iter().map(|&v| f32::from(v) / 255.0).collect();
+        let plane = Plane::from_vec(common::WIDTH, common::HEIGHT, data);
+        write_grey_png(&folder.path().join(format!("frames/{t:04}.png")), &plane).unwrap();
+    }
+    succeed(folder.path(), "enliven-db build frames -o f.pack --stride 16");
+    succeed(folder.path(), "enliven-db verify f.pack");
+}
+
+#[test]
+fn videos_are_written_with_their_scene_and_summary() {
+    let folder = studio();
+    let common = "enliven animate picture.png --matte matte.png --library l.pack --frames 5";
+    let cases = [
+        ("a.mp4", "a", &b"ftyp"[..], 4),
+        ("take.2.gif", "take.2", b"GIF89a", 0),
+        ("b.y4m", "b", b"YUV4MPEG2", 0),
+        ("frames", "frames", b"", 0),
+        ("frames.2/", "frames.2", b"", 0),
+    ];
+    for (name, stem, magic, at) in cases {
+        let before = tree(folder.path()).len();
+        let output = succeed(folder.path(), &format!("{common} -o {name}"));
+        assert!(stderr(&output).contains("5 frames of 112 × 80"), "{}", stderr(&output));
+        let path = folder.path().join(name);
+        let mut new = 3;
+        if path.is_dir() {
+            assert_eq!(tree(&path).len(), 5);
+            new += 5;
+        } else {
+            assert!(fs::read(&path).unwrap()[at..].starts_with(magic), "{name}");
+        }
+        assert_eq!(tree(folder.path()).len(), before + new, "{name}");
+        let summary = fs::read(folder.path().join(format!("{stem}.summary.json"))).unwrap();
+        let summary: Value = serde_json::from_slice(&summary).unwrap();
+        assert_eq!(summary["scene"]["output"]["frames"], 5);
+        let scene = fs::read_to_string(folder.path().join(format!("{stem}.scene.toml"))).unwrap();
+        assert!(scene.contains("picture = \"picture.png\""), "{scene}");
+    }
+    let output = succeed(folder.path(), &format!("{common} -o c.mp4 --report report --json --quiet"));
+    let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(printed["output_size"], serde_json::json!([112, 80]));
+    assert_eq!(stderr(&output), "");
+    for name in ["contact-sheet.png", "assignment.png", "summary.json"] {
+        assert!(folder.path().join("report").join(name).is_file(), "{name}");
+    }
+}
+
+#[test]
+fn a_written_scene_repeats_the_run_on_any_number_of_threads() {
+    let folder = studio();
+    let flags = "--matte matte.png --library l.pack --frames 6 --fps 12.5 --direction 90 --seed 7 --size 56x40 \
+                 --set database.candidates=20 --threads 1";
+    succeed(folder.path(), &format!("enliven animate picture.png {flags} -o first.gif"));
+    fs::create_dir(folder.path().join("deep")).unwrap();
+    succeed(folder.path(), "enliven animate first.scene.toml -o deep/second.gif --threads 2");
+    succeed(folder.path(), "enliven animate deep/second.scene.toml -o third.gif --threads 2");
+    let read = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    assert!(read("first.gif") == read("deep/second.gif") && read("first.gif") == read("third.gif"));
+    assert_eq!(read("first.scene.toml"), read("third.scene.toml"));
+
+    // Flags go before the scene file; what they do not name stays.
+    succeed(folder.path(), "enliven animate first.scene.toml --frames 4 -o fourth");
+    assert_eq!(tree(&folder.path().join("fourth")).len(), 4);
+    assert!(fs::read_to_string(folder.path().join("fourth.scene.toml")).unwrap().contains("candidates = 20"));
+}
+
+#[test]
+fn a_dash_is_a_video_on_standard_output_and_nothing_else() {
+    let folder = studio();
+    let before = tree(folder.path());
+    let output = succeed(folder.path(), "enliven animate picture.png --library l.pack --frames 3 -o -");
+    let header = output.stdout.iter().position(|&b| b == b'\n').unwrap() + 1;
+    assert!(output.stdout.starts_with(b"YUV4MPEG2 W112 H80 F25:1"));
+    assert_eq!((output.stdout.len() - header) % 3, 0);
+    assert!(output.stdout[header..].starts_with(b"FRAME"));
+    assert!(stderr(&output).contains("no matte given: all of the picture moves"));
+    assert_eq!(tree(folder.path()), before);
+}
+
+#[test]
+fn help_and_methods_are_complete() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(stdout(&succeed(folder.path(), "enliven --help")).contains("animate"));
+    assert!(stdout(&succeed(folder.path(), "enliven-db --help")).contains("gallery"));
+    let methods: Value = serde_json::from_slice(&succeed(folder.path(), "enliven methods --json").stdout).unwrap();
+    let options = methods[0]["options"].as_array().unwrap();
+    let text = stdout(&succeed(folder.path(), "enliven methods"));
+    for option in options {
+        assert!(text.contains(&format!("--set database.{}=", option["name"].as_str().unwrap())));
+    }
+    for name in ["enliven", "enliven-db"] {
+        let output = run::<&str>(name, folder.path(), &[]);
+        assert_eq!(output.status.code(), Some(USAGE));
+        assert!(stderr(&output).contains("Usage"), "{}", stderr(&output));
+    }
+}
+
+#[cfg(unix)]
+mod interrupted {
+    use std::process::{Command, Stdio};
+    use std::time::{Duration, Instant};
+
+    use super::*;
+
+    fn interrupt(process: u32) {
+        let kill = format!("kill -INT {process}");
+        assert!(Command::new("/bin/sh").args(["-c", &kill]).status().unwrap().success());
+    }
+
+    #[test]
+    fn a_build_stopped_by_ctrl_c_is_resumed() {
+        let folder = tempfile::tempdir().unwrap();
+        fs::create_dir(folder.path().join("clips")).unwrap();
+        for i in 0..10 {
+            common::write_clip(&folder.path().join(format!("clips/{i}.y4m")), 10 * i);
+        }
+        let mut child = Command::new(assert_cmd::cargo::cargo_bin("enliven-db"))
+            .current_dir(folder.path())
+            .args(["build", "clips", "-o", "l.pack", "--stride", "16"])
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let work = folder.path().join("l.pack.build");
+        let finished = || {
+            let segment = |e: &std::io::Result<fs::DirEntry>| {
+                e.as_ref().is_ok_and(|e| e.path().extension().is_some_and(|x| x == "segment"))
+            };
+            fs::read_dir(&work).map_or(0, |entries| entries.filter(segment).count())
+        };
+        let start = Instant::now();
+        while finished() == 0 && start.elapsed() < Duration::from_secs(30) {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        interrupt(child.id());
+        let status = child.wait().unwrap();
+        let mut said = String::new();
+        std::io::Read::read_to_string(&mut child.stderr.take().unwrap(), &mut said).unwrap();
+        assert_eq!(status.code(), Some(130), "{said}");
+        assert!(said.contains("interrupted") && said.contains("run the same command again"), "{said}");
+        assert!(!folder.path().join("l.pack").exists());
+        let temporary = |p: &PathBuf| p.extension().is_some_and(|e| e == "part");
+        assert!(!tree(folder.path()).iter().any(temporary));
+
+        let output = succeed(folder.path(), "enliven-db build clips -o l.pack --stride 16 --json");
+        let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+        let resumed = report["accepted"].as_array().unwrap().iter().filter(|c| c["resumed"] == true).count();
+        assert!((1..10).contains(&resumed), "{resumed} clips resumed");
+        succeed(folder.path(), "enliven-db build clips -o fresh.pack --stride 16");
+        let read = |name: &str| fs::read(folder.path().join(name)).unwrap();
+        assert!(read("l.pack") == read("fresh.pack"));
+        assert!(!work.exists());
+    }
+
+    #[test]
+    fn a_video_stopped_by_ctrl_c_leaves_nothing() {
+        let folder = studio();
+        for name in ["x.mp4", "x.gif", "x.y4m", "x"] {
+            let before = tree(folder.path());
+            let mut child = Command::new(assert_cmd::cargo::cargo_bin("enliven"))
+                .current_dir(folder.path())
+                .args(["animate", "picture.png", "--library", "l.pack", "--frames", "90000", "--quiet", "-o", name])
+                .spawn()
+                .unwrap();
+            let start = Instant::now();
+            while tree(folder.path()) == before && start.elapsed() < Duration::from_secs(30) {
+                std::thread::sleep(Duration::from_millis(2));
+            }
+            std::thread::sleep(Duration::from_millis(100));
+            interrupt(child.id());
+            assert_eq!(child.wait().unwrap().code(), Some(130), "{name}");
+            assert_eq!(tree(folder.path()), before, "{name}");
+        }
+    }
+
+    #[test]
+    fn a_reader_that_goes_away_is_no_failure() {
+        for line in ["enliven-db inspect l.pack --json", "enliven methods"] {
+            let folder = studio();
+            let all = words(line);
+            let mut child = Command::new(assert_cmd::cargo::cargo_bin(all[0]))
+                .current_dir(folder.path())
+                .args(&all[1..])
+                .stdout(Stdio::piped())
+                .stderr(Stdio::piped())
+                .spawn()
+                .unwrap();
+            drop(child.stdout.take());
+            let output = child.wait_with_output().unwrap();
+            assert!(!stderr(&output).contains("panicked"), "{line}: {}", stderr(&output));
+        }
+    }
+}
