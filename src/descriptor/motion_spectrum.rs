@@ -7,7 +7,7 @@
 use multiversion::multiversion;
 
 use crate::base::par;
-use crate::flow::field::Field;
+use crate::raster::image::Plane;
 
 /// Motion fields in a window.
 pub const WINDOW: usize = 32;
@@ -72,13 +72,14 @@ impl MotionSpectrum {
         self.windows
     }
 
-    /// Adds one window of [`WINDOW`] consecutive motion fields; rows in parallel.
+    /// Adds one window of [`WINDOW`] consecutive motion fields, each as its horizontal and its vertical component in
+    /// pixels per frame; rows in parallel.
     ///
     /// # Panics
     /// When there are not [`WINDOW`] fields of this size.
-    pub fn add_window(&mut self, fields: &[&Field]) {
+    pub fn add_window(&mut self, fields: &[[&Plane; 2]]) {
         assert_eq!(fields.len(), WINDOW);
-        assert!(fields.iter().all(|f| (f.width(), f.height()) == (self.width, self.height)));
+        assert!(fields.iter().flatten().all(|c| (c.width, c.height) == (self.width, self.height)));
         let width = self.width;
         par::for_each_chunk(&mut self.power, width * BANDS, |y, row| add_row(fields, y, width, row));
         self.windows += 1;
@@ -103,16 +104,16 @@ impl MotionSpectrum {
 }
 
 /// Adds the window's power along row `y`.
-fn add_row(fields: &[&Field], y: usize, width: usize, row: &mut [f32]) {
+fn add_row(fields: &[[&Plane; 2]], y: usize, width: usize, row: &mut [f32]) {
     let mut x = 0;
     while x < width {
         let n = LANES.min(width - x);
         let mut re = [[0.0; LANES]; WINDOW];
         let mut im = [[0.0; LANES]; WINDOW];
-        for (t, field) in fields.iter().enumerate() {
+        for (t, [u, v]) in fields.iter().enumerate() {
             let at = y * width + x;
-            re[t][..n].copy_from_slice(&field.u.data[at..at + n]);
-            im[t][..n].copy_from_slice(&field.v.data[at..at + n]);
+            re[t][..n].copy_from_slice(&u.data[at..at + n]);
+            im[t][..n].copy_from_slice(&v.data[at..at + n]);
         }
         let power = power(&mut re, &mut im);
         for (band, power) in power.iter().enumerate() {
@@ -193,19 +194,17 @@ fn transform(re: &mut [Lane; WINDOW], im: &mut [Lane; WINDOW]) {
 mod tests {
     use super::*;
     use crate::base::rng;
-    use crate::raster::image::Plane;
 
-    fn fields(width: usize, height: usize, f: impl Fn(usize, usize, usize) -> (f32, f32)) -> Vec<Field> {
-        let field = |t| Field {
-            u: Plane::from_fn(width, height, |x, y| f(t, x, y).0),
-            v: Plane::from_fn(width, height, |x, y| f(t, x, y).1),
+    fn fields(width: usize, height: usize, f: impl Fn(usize, usize, usize) -> (f32, f32)) -> Vec<[Plane; 2]> {
+        let field = |t| {
+            [Plane::from_fn(width, height, |x, y| f(t, x, y).0), Plane::from_fn(width, height, |x, y| f(t, x, y).1)]
         };
         (0..WINDOW).map(field).collect()
     }
 
-    fn spectrum(fields: &[Field]) -> MotionSpectrum {
-        let mut spectrum = MotionSpectrum::new(fields[0].width(), fields[0].height());
-        spectrum.add_window(&fields.iter().collect::<Vec<_>>());
+    fn spectrum(fields: &[[Plane; 2]]) -> MotionSpectrum {
+        let mut spectrum = MotionSpectrum::new(fields[0][0].width, fields[0][0].height);
+        spectrum.add_window(&fields.iter().map(|f| f.each_ref()).collect::<Vec<_>>());
         spectrum
     }
 
@@ -230,7 +229,7 @@ mod tests {
                     }
                     re * re + im * im
                 };
-                let both = part(&|t| fields[t].u.at(x, y)) + part(&|t| fields[t].v.at(x, y));
+                let both = part(&|t| fields[t][0].at(x, y)) + part(&|t| fields[t][1].at(x, y));
                 both * if band == 16 { 1.0 } else { 2.0 } / (32.0 * 12.0)
             };
             for (band, power) in spectrum.at(x, y).into_iter().enumerate() {
@@ -253,7 +252,7 @@ mod tests {
     fn bands_sum_to_the_variance() {
         let mut sum = MotionSpectrum::new(64, 64);
         let fields = fields(64, 64, |t, x, y| (noise(t, x, y, 3), noise(t, x, y, 4)));
-        sum.add_window(&fields.iter().collect::<Vec<_>>());
+        sum.add_window(&fields.iter().map(|f| f.each_ref()).collect::<Vec<_>>());
         let total: f32 = (0..64)
             .step_by(16)
             .flat_map(|y| (0..64).step_by(16).map(move |x| (x, y)))

@@ -67,7 +67,8 @@ impl Statistics {
         self.fields += fields.len();
         self.waiting.extend(fields);
         while self.waiting.len() >= WINDOW {
-            self.spectrum.add_window(&self.waiting[..WINDOW].iter().collect::<Vec<_>>());
+            let window: Vec<_> = self.waiting[..WINDOW].iter().map(|f| [&f.u, &f.v]).collect();
+            self.spectrum.add_window(&window);
             self.waiting.drain(..HOP);
         }
     }
