@@ -181,10 +181,10 @@ pub fn pictures() -> Pictures {
     for (i, value) in flames.data.iter_mut().enumerate() {
         let (x, y) = (i % fire.width, i / fire.width);
         let light = burning.glow((x as f32 + 0.5) / fire.scale, (y as f32 + 0.5) / fire.scale);
-        *value = step(0.02, 0.15, light[0]);
+        *value = step(0.006, 0.06, light[0]);
     }
-    let wide = enliven::raster::filter::gaussian(&flames, 4.0);
+    let wide = enliven::raster::filter::gaussian(&flames, 5.0);
     let mut canvas = place.clone();
     burning.draw(&mut canvas);
-    Pictures { burning: canvas.develop(1.3), clean: place.develop(1.3), matte: wide.map(|v| step(0.1, 0.6, v)) }
+    Pictures { burning: canvas.develop(1.3), clean: place.develop(1.3), matte: wide.map(|v| step(0.02, 0.45, v)) }
 }
