@@ -8,7 +8,6 @@ use super::pick::{self, Choice, LabelOptions, Labels};
 use super::record::{AssignmentRecord, ClipShare, NodeRecord, RunRecord, Timed};
 use super::{MethodEntry, Outcome, Sources, Synthesizer};
 use crate::assign::candidates;
-use crate::assign::energy::LAMBDA;
 use crate::assign::nodes::NodeGrid;
 use crate::assign::pair_costs::Weights;
 use crate::base::error::{Error, Kind, Result};
@@ -44,7 +43,7 @@ declare_options! {
         /// Weight of the textureness between neighbours.
         rho: f32 = 1.0, in 0, 100, "ratio", "Okabe 2011, Eq. 2";
         /// Weight of the smoothness term against the data term.
-        lambda: f32 = LAMBDA, in 0, 10, "ratio", "Okabe 2011, §5.3";
+        lambda: f32 = 0.06, in 0, 10, "ratio", "Okabe 2011, §5.3";
         /// Weight of how rough picture and piece are, as part of the data term.
         texture: f32 = 0.1, in 0, 10, "ratio", "methods §1.6";
         /// Most sweeps over the nodes when labels are chosen.
@@ -58,11 +57,11 @@ declare_options! {
         /// Contrast of the motion relative to the contrast of the picture.
         strength: f32 = 0.8, in 0, 4, "ratio", "methods §1.5";
         /// Largest factor on a clip's differences; more lifts its noise.
-        max_gain: f32 = 2.5, in 1, 20, "ratio", "Okabe 2011, Fig. 13";
+        max_gain: f32 = 3.0, in 1, 20, "ratio", "Okabe 2011, Fig. 13";
         /// Factor of the coarsest band of the differences, where swell and changing light live.
         coarse: f32 = 0.4, in 0, 2, "ratio", "methods §1.6";
         /// Phases of its loop that a clip is used at; more keeps copies from moving in unison, and is slower.
-        phases: usize = 1, in 1, 8, "", "";
+        phases: usize = 1, in 1, 8, "phases", "methods §1.5";
     }
 }
 
@@ -108,6 +107,8 @@ impl Synthesizer for Database {
         let labels = pick::labels(&grid, &still, &candidates, sources, &self.labelling(), observer)?;
         let placed = self.place(&grid, &labels.choices, &still, sources, scene)?;
         let clips = study(&placed, scene, sources, observer)?;
+        // A library cut short by somebody else while it is mapped must not be read any further.
+        sources.packs.iter().try_for_each(|(_, pack)| pack.check_length())?;
         let rendering = stage(observer, "prepare", 0, || self.prepare(&placed, &clips, &still))?;
         frames(&placed, &clips, &rendering, scene, sink, observer)?;
         outcome(&placed, &clips, &rendering, &labels, &still, sources)
@@ -214,14 +215,18 @@ fn spread_phases(layout: &mut Layout, phases: usize, seed: u64) -> Vec<(usize, u
 
 /// Finds the loop of every clip that is used, and how strong its differences are.
 fn study(placed: &Placed, scene: &Scene, sources: &Sources, observer: &Timed) -> Result<Vec<Clip>> {
-    let frames = scene.settings().output.frames;
+    let output = scene.settings().output;
     let levels = placed.layout.levels();
     stage(observer, "loops", placed.clips.len() as u64, || {
         par::try_map(placed.clips.len(), |i| {
             let (pack, clip) = placed.clips[i];
+            let pack = &sources.packs[pack].1;
+            // As many library frames as the output lasts, so that water falls as fast at any frame rate.
+            let seconds = output.frames as f32 / output.fps;
+            let frames = ((seconds * pack.parameters().rate as f32).round() as usize).max(2);
             let used = levels.iter().filter(|l| placed.sources[l.source].0 == i).map(|l| l.scale);
             let scales = BTreeSet::from_iter(used).into_iter().collect();
-            let clip = Clip::study(&sources.packs[pack].1, clip, scales, frames, observer);
+            let clip = Clip::study(pack, clip, scales, frames, observer);
             observer.advance("loops", 1);
             clip
         })
@@ -243,7 +248,7 @@ fn frames(
     let levels = rendering.blender.levels();
     let stream = |(source, &(clip, phase)): (usize, &(usize, usize))| {
         let scales = levels.iter().filter(|l| l.source == source).map(|l| l.scale).collect();
-        Stream::new(&clips[clip], phase * count / phases, scales)
+        Stream::new(&clips[clip], phase as f64 / phases as f64, count, scales)
     };
     let streams = placed.sources.iter().enumerate().map(stream).collect::<Result<Vec<_>>>()?;
     let block = (BLOCK_BYTES / frame_bytes(&streams).max(1)).clamp(par::threads().min(4), 16);

@@ -37,7 +37,7 @@ pub struct Clip {
 }
 
 impl Clip {
-    /// Reads the clip once: finds its loop of `frames` output frames and measures its differences at `scales`.
+    /// Reads the clip once: finds its loop of `frames` library frames and measures its differences at `scales`.
     ///
     /// The differences are from the average of the frames that the loop shows, not of the whole clip: what stands still
     /// in the loop but moved at another time (a twig, the light) would otherwise stay as a ghost in every frame.
@@ -80,31 +80,48 @@ impl Clip {
 /// A clip at a phase of its loop, being read forwards.
 pub struct Stream<'a> {
     clip: &'a Clip,
-    phase: usize,
+    /// Share of the loop that it is ahead.
+    phase: f64,
+    /// Frames of the output's loop.
+    frames: usize,
     scales: Vec<u8>,
     readers: Mutex<[FrameReader<'a>; 2]>,
 }
 
 impl<'a> Stream<'a> {
-    /// Starts `phase` output frames into the loop of `clip`, for `scales` (ascending).
+    /// Shows the loop of `clip` once in `frames` output frames, at `scales` (ascending), from `phase` (0 to 1) of it on.
     ///
     /// # Errors
     /// A damaged pack.
-    pub fn new(clip: &'a Clip, phase: usize, scales: Vec<u8>) -> Result<Self> {
+    pub fn new(clip: &'a Clip, phase: f64, frames: usize, scales: Vec<u8>) -> Result<Self> {
         let readers = Mutex::new([clip.pack.frames(clip.clip)?, clip.pack.frames(clip.clip)?]);
-        Ok(Self { clip, phase, scales, readers })
+        Ok(Self { clip, phase, frames, scales, readers })
+    }
+
+    /// Frames of the loop that make up output frame `t`, with their weights: one, or two neighbours where the output
+    /// has another rate than the library.
+    fn loop_frames(&self, t: usize) -> [(usize, f32); 2] {
+        let length = self.clip.plan.length();
+        let place = (t as f64 / self.frames as f64 + self.phase) * length as f64;
+        let first = (place + 1e-6).floor();
+        let share = (place - first).max(0.0) as f32;
+        let share = if share < 1e-4 { 0.0 } else { share };
+        [(first as usize, 1.0 - share), (first as usize + 1, share)]
     }
 
     /// The bands of output frame `t`, for every scale that is used; cheapest in order of `t`.
     fn bands(&self, t: usize) -> Result<Vec<Bands>> {
-        let blend = self.clip.plan.at(t + self.phase);
         // A reader holds nothing that an earlier panic could have left half-done: it seeks from a keyframe.
         let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
         let mut sum = Plane::zeros(self.clip.size.0, self.clip.size.1);
-        for (reader, Part { frame, weight }) in readers.iter_mut().zip([Some(blend.a), blend.b].into_iter().flatten()) {
-            let luma = reader.at(frame)?.luma();
-            for ((s, l), a) in sum.data.iter_mut().zip(&luma.data).zip(&self.clip.average.data) {
-                *s += weight * (l - a);
+        for (place, share) in self.loop_frames(t).into_iter().filter(|f| f.1 > 0.0) {
+            let blend = self.clip.plan.at(place);
+            let parts = [Some(blend.a), blend.b].into_iter().flatten();
+            for (reader, Part { frame, weight }) in readers.iter_mut().zip(parts) {
+                let luma = reader.at(frame)?.luma();
+                for ((s, l), a) in sum.data.iter_mut().zip(&luma.data).zip(&self.clip.average.data) {
+                    *s += share * weight * (l - a);
+                }
             }
         }
         drop(readers);
