@@ -20,7 +20,7 @@ pub struct Build {
     /// Tag of the clips, for enliven animate --use
     #[arg(long, default_value = "")]
     tag: String,
-    /// Distance of neighbouring pieces in pixels; 24 or 16 for small fluids
+    /// Distance of neighbouring pieces in pixels; 12 or 8 for small fluids
     #[arg(long, default_value_t = Options::default().stride)]
     stride: u32,
     /// Long side that clips are brought to, in pixels

@@ -2,9 +2,6 @@
 
 use super::pair_costs::PairCosts;
 
-/// Default λ: with a data term in [0, 1] and a smoothness term that is 1 + σ + ρ for random neighbours.
-pub const LAMBDA: f32 = 0.02;
-
 /// What is minimised. A label is the number of a candidate within its node.
 #[derive(Debug, Clone, Copy)]
 pub struct Problem<'a> {

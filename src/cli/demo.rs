@@ -41,7 +41,7 @@ const LIBRARIES: [(&str, &str); 2] = [("water", "clips/water"), ("fire", "clips/
 /// Scenes: name, library.
 const SCENES: [(&str, &str); 3] = [("falls", "water"), ("stream", "water"), ("fire", "fire")];
 /// Distance of pieces in the demo's libraries: its clips are small.
-const STRIDE: u32 = 16;
+const STRIDE: u32 = 12;
 
 /// Build small libraries from the program's own clips and animate three pictures with them.
 #[derive(Debug, Clone, clap::Args)]

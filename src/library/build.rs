@@ -33,7 +33,8 @@ pub const RATE: u32 = 25;
 pub struct Options {
     /// Tag of the clips ("water"); may be empty.
     pub tag: String,
-    /// Distance of neighbouring pieces, pixels: 32, or 24 or 16 for small fluids.
+    /// Distance of neighbouring pieces, pixels. 24, the distance of nodes, lets neighbouring nodes continue one clip; less
+    /// suits small fluids.
     pub stride: u32,
     /// Visual words to learn (k).
     pub words: u32,
@@ -45,7 +46,7 @@ pub struct Options {
 
 impl Default for Options {
     fn default() -> Self {
-        Self { tag: String::new(), stride: 32, words: WORDS as u32, working: 640, moving_permille: 50 }
+        Self { tag: String::new(), stride: 24, words: WORDS as u32, working: 640, moving_permille: 50 }
     }
 }
 
