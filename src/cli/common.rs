@@ -41,7 +41,7 @@ impl Common {
             }
         };
         if ctrlc::set_handler(handler).is_err() {
-            tracing::warn!("Ctrl-C cannot be caught here; interrupting will leave temporary files");
+            terminal.note("Ctrl-C cannot be caught here; interrupting will leave temporary files");
         }
         Ok(terminal)
     }
