@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 
 use image::codecs::{gif::GifDecoder, png::PngDecoder, webp::WebPDecoder};
-use image::{AnimationDecoder, Frame, Frames, ImageDecoder, ImageResult, Limits};
+use image::{AnimationDecoder, Frame, Frames, ImageDecoder, ImageError, ImageResult, Limits};
 
 use super::clip::{ClipInfo, Pixels, RawFrame, Source, Turn};
-use super::decoder::MAX_PIXELS;
+use super::decoder::{MAX_PIXELS, guarded};
 use crate::base::error::{Error, Kind, Result};
 
 /// Delays of up to 10 ms are shown for 100 ms, as browsers do.
@@ -98,8 +98,10 @@ fn start(
 }
 
 /// Sends frames until the end, the first error, or nobody listens.
-fn produce(frames: Frames<'static>, sender: &SyncSender<ImageResult<Frame>>) {
-    for frame in frames {
+fn produce(mut frames: Frames<'static>, sender: &SyncSender<ImageResult<Frame>>) {
+    // A decoder that panics must not pass for the end of the clip.
+    let gave_up = |_| Some(Err(ImageError::IoError(std::io::Error::other("the decoder gave up on it"))));
+    while let Some(frame) = guarded(|| Ok(frames.next())).unwrap_or_else(gave_up) {
         let last = frame.is_err();
         if sender.send(frame).is_err() || last {
             break;

@@ -58,10 +58,16 @@ impl Track {
         let movie_scale = find(moov, &[b"mvhd"]).and_then(timescale).filter(|&s| s > 0).unwrap_or(1000);
         let is_video =
             |trak: &&[u8]| find(trak, &[b"mdia", b"hdlr"]).is_some_and(|hdlr| hdlr.get(8..12) == Some(b"vide"));
-        let tracks = children(moov).filter(|(name, _)| name == b"trak").map(|(_, body)| body).filter(is_video);
-        let mut parsed: Vec<Self> = tracks.map(|t| Self::from_trak(t, movie_scale)).collect::<Result<_, _>>()?;
-        let best = (0..parsed.len()).rev().max_by_key(|&i| parsed[i].samples.len());
-        best.map(|i| parsed.swap_remove(i)).ok_or_else(|| "it has no video track".into())
+        let mut tracks = children(moov).filter(|(name, _)| name == b"trak").map(|(_, body)| body).filter(is_video);
+        // One at a time: a few bytes may claim a long table of samples, and a file many such tracks.
+        let longest = tracks.try_fold(None, |best: Option<Self>, trak| {
+            let track = Self::from_trak(trak, movie_scale)?;
+            Ok::<_, Problem>(Some(match best {
+                Some(best) if best.samples.len() >= track.samples.len() => best,
+                _ => track,
+            }))
+        })?;
+        longest.ok_or_else(|| "it has no video track".into())
     }
 
     fn from_trak(trak: &[u8], movie_scale: u32) -> Result<Self, Problem> {
