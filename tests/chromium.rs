@@ -46,6 +46,8 @@ const say = (...parts) => console.log('RESULT ' + parts.join(' ') + ' .');
 const until = name => new Promise(done => v.addEventListener(name, done, {once: true}));
 v.onerror = () => { say('error', v.error.code); say('end'); };
 (async () => {
+  // Builds without patented codecs cannot tell anything about our file.
+  if (!v.canPlayType('video/mp4; codecs="avc1.42E01E"')) { say('codec'); say('end'); return; }
   v.muted = true;
   v.src = 'a.mp4';
   await until('loadeddata');
@@ -139,6 +141,10 @@ fn chromium_plays_seeks_and_shows_the_colours() {
     let results = results(&mut browser);
     if results.is_empty() {
         println!("skipped: chromium said nothing in {} s", PATIENCE.as_secs());
+        return;
+    }
+    if results[0].starts_with("codec") {
+        println!("skipped: this chromium has no H.264 decoder");
         return;
     }
     assert_eq!(results[0], format!("size {WIDTH} {HEIGHT} 3"), "{results:?}");
