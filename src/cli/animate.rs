@@ -38,7 +38,7 @@ pub struct Animate {
     /// Main direction of the flow in degrees: 0 right, 90 down, -90 up
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = parse_number)]
     pub direction: Option<f32>,
-    /// What is behind the fluid, a picture of the same size
+    /// What is behind the fluid, a picture of the same size; checked and recorded, not shown yet
     #[arg(long, value_name = "PICTURE")]
     pub background: Option<PathBuf>,
     /// Method (see enliven methods)

@@ -7,7 +7,7 @@ use super::variant::{Geometry, PIECE, SCALES, Variant, level_size};
 use crate::base::error::Result;
 use crate::base::par;
 use crate::descriptor::dense_sift::{self, DescriptorGrid};
-use crate::raster::image::{Plane, Rgb8};
+use crate::raster::image::Plane;
 use crate::raster::resample;
 
 /// Places of pieces on one variant's canvas, and what became of the others.
@@ -102,12 +102,6 @@ pub fn turn(level: &Plane, geometry: &Geometry) -> Plane {
         if geometry.aligned() { level.at(lx as usize, ly as usize) } else { bicubic(level, lx, ly) }
     };
     Plane::from_fn(geometry.width, geometry.height, sample)
-}
-
-/// [`turn`] on 8-bit RGB.
-pub fn turn_rgb8(level: &Rgb8, geometry: &Geometry) -> Rgb8 {
-    let color = level.to_color();
-    color.map_planes(|plane| turn(plane, geometry)).to_rgb8()
 }
 
 /// Catmull–Rom value at the continuous position `(x, y)`, coordinates clamped to the border.

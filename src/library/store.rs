@@ -48,7 +48,7 @@ pub enum Access {
     /// Memory-mapped: pages come and go as the system likes.
     #[default]
     Map,
-    /// Read into memory as a whole (`--no-mmap`): safe on file systems where files change under a map.
+    /// Read into memory as a whole: safe on file systems where files change under a map.
     Read,
     /// Memory-mapped without keeping the file open or locked: for files in a folder that is locked itself.
     MapOnly,

@@ -60,11 +60,6 @@ impl FrameMap {
         Ok(Self { picture, working, output })
     }
 
-    /// Output pixels per working pixel.
-    pub fn output_scale(&self) -> f32 {
-        self.output.0 as f32 / self.working.0 as f32
-    }
-
     /// From the picture to the working image.
     pub fn to_working(&self, p: PicturePoint) -> WorkingPoint {
         let (x, y) = between(self.picture, self.working, p.0, p.1);
