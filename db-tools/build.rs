@@ -26,6 +26,9 @@ pub struct Build {
     /// Long side that clips are brought to, in pixels
     #[arg(long, default_value_t = Options::default().working)]
     working_size: u32,
+    /// Replace a library that holds clips which are not given this time
+    #[arg(long)]
+    replace: bool,
     /// Print the report as JSON
     #[arg(long)]
     json: bool,
@@ -46,11 +49,11 @@ impl Build {
     }
 
     fn print(&self, report: &BuildReport) {
-        say!("{:28} {:>9} {:>7} {:>8}", "clip", "size", "frames", "pieces");
+        say!("{:28} {:16} {:>9} {:>7} {:>8}", "clip", "named in reports", "size", "frames", "pieces");
         for clip in &report.accepted {
             let name = clip.path.file_name().unwrap_or_default().to_string_lossy();
             let size = format!("{}x{}", clip.width, clip.height);
-            say!("{name:28} {size:>9} {:>7} {:>8}  {}", clip.frames, clip.pieces, clip.notes.join("; "));
+            say!("{name:28} {:16} {size:>9} {:>7} {:>8}  {}", clip.id, clip.frames, clip.pieces, clip.notes.join("; "));
         }
         for clip in &report.refused {
             say!("{:28} left out: {}", clip.path.file_name().unwrap_or_default().to_string_lossy(), clip.reason);

@@ -183,3 +183,19 @@ fn a_mask_leaves_out_what_it_covers() {
     let error = run(&[clip], &folder.path().join("bad.pack")).unwrap_err();
     assert!(error.to_string().contains("50 × 80"), "{error}");
 }
+
+#[test]
+fn a_library_is_not_replaced_by_one_that_lacks_its_clips() {
+    let folder = tempfile::tempdir().unwrap();
+    let clips = common::write_clips(folder.path());
+    let pack = folder.path().join("l.pack");
+    run(&clips[..2], &pack).unwrap();
+    let before = fs::read(&pack).unwrap();
+    let error = run(&clips[1..], &pack).unwrap_err();
+    assert!(error.to_string().contains("1 of its 2 clips") && error.to_string().contains("--replace"), "{error}");
+    assert_eq!(fs::read(&pack).unwrap(), before);
+    let report = build(&clips[1..], &pack, &Options { replace: true, ..common::options() }, &Silent).unwrap();
+    assert!(report.accepted.len() == 2 && report.accepted.iter().any(|clip| clip.resumed));
+    run(&clips, &pack).unwrap();
+    assert_eq!(Pack::open(&pack).unwrap().clips().len(), 3);
+}

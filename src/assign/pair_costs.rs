@@ -15,7 +15,7 @@ use crate::base::observe::{self, Observer};
 use crate::base::{matmul, par};
 use crate::library::normalizers::{self, AC, DC, FEATURES, Normalizers, TEXTURE};
 use crate::library::tile::Tile;
-use crate::library::variant::{CELL, PIECE_CELLS};
+use crate::library::variant::{CELL, PIECE, PIECE_CELLS};
 
 /// Most pair costs that are kept (2 GiB).
 const MAX_COSTS: usize = 1 << 29;
@@ -103,7 +103,7 @@ pub fn pair_costs(
                 let Edge { a, b, .. } = edges[i];
                 let mut costs = edge_costs(&edges[i], &grid.nodes, &described[&a], &described[&b], scale.unknown);
                 let of = |n: u32| &origins[offsets[n as usize]..offsets[n as usize + 1]];
-                free_continuations(&edges[i], &grid.nodes, of(a), of(b), &mut costs);
+                same_footage(&edges[i], &grid.nodes, of(a), of(b), scale.unknown, &mut costs);
                 costs
             });
             for (i, costs) in costs.iter().enumerate() {
@@ -220,15 +220,18 @@ fn shared_cells(edge: &Edge, node: &Node) -> Vec<usize> {
     (y..y + height).flat_map(|y| (x..x + width).map(move |x| y * PIECE_CELLS + x)).collect()
 }
 
-/// Pairs that continue each other in one piece of footage cost exactly nothing.
-fn free_continuations(edge: &Edge, nodes: &[Node], a: &[Origin], b: &[Origin], costs: &mut [f32]) {
+/// What neighbours from one clip cost: nothing where they continue each other, as much as strangers (1 + σ + ρ) on top
+/// where both show the same place, displaced. Without the second a piece is stamped node by node, in lockstep.
+fn same_footage(edge: &Edge, nodes: &[Node], a: &[Origin], b: &[Origin], stranger: f32, costs: &mut [f32]) {
     let (from, to) = (&nodes[edge.a as usize], &nodes[edge.b as usize]);
     let (dx, dy) = (i64::from(to.x) - i64::from(from.x), i64::from(to.y) - i64::from(from.y));
     for (row, p) in costs.chunks_exact_mut(b.len().max(1)).zip(a) {
-        for (cost, q) in row.iter_mut().zip(b) {
+        for (cost, q) in row.iter_mut().zip(b).filter(|(_, q)| p.footage == q.footage) {
             let apart = (i64::from(q.x) - i64::from(p.x), i64::from(q.y) - i64::from(p.y));
-            if p.footage == q.footage && apart == (dx, dy) {
+            if apart == (dx, dy) {
                 *cost = 0.0;
+            } else if apart.0.abs().max(apart.1.abs()) < PIECE as i64 {
+                *cost += stranger;
             }
         }
     }
@@ -324,6 +327,8 @@ mod tests {
         let same = |_: usize| Ok(Tile { cells: [flat; 144] });
         let costs = pair_costs(&grid, &[0, 1, 4], &origins, same, &Normalizers::default(), Weights::default(), &Silent)
             .unwrap();
-        assert!(costs.costs.iter().all(|&c| (0.0..1e-3).contains(&c)), "{:?}", costs.costs);
+        assert!(costs.costs[..2].iter().all(|&c| (0.0..1e-3).contains(&c)), "{:?}", costs.costs);
+        // The same place of the same footage again, displaced: as dear as a stranger, however alike it looks.
+        assert!(costs.costs[2] >= 3.0, "{:?}", costs.costs);
     }
 }

@@ -62,7 +62,7 @@ impl Demo {
         unpack(&input)?;
         for (name, clips) in LIBRARIES {
             let pack = self.output.join(name).with_extension("pack");
-            let options = Options { tag: name.to_owned(), stride: STRIDE, ..Options::default() };
+            let options = Options { tag: name.to_owned(), stride: STRIDE, replace: true, ..Options::default() };
             let report = build(&[input.join(clips)], &pack, &options, observer)?;
             say!(
                 "{}: {}, {}, {}",

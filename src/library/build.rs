@@ -16,6 +16,7 @@ use super::format::{FEATURES, Parameters};
 use super::grid::Cell;
 use super::inputs;
 use super::piece::ClipId;
+use super::reader::Pack;
 use super::scan::reason;
 use super::segment::Segment;
 use super::variant::{CELL, PIECE};
@@ -42,11 +43,13 @@ pub struct Options {
     pub working: u32,
     /// Least share of moving pixels of a piece, thousandths.
     pub moving_permille: u32,
+    /// Whether a pack may be replaced that holds clips which are not given this time. No part of the pack.
+    pub replace: bool,
 }
 
 impl Default for Options {
     fn default() -> Self {
-        Self { tag: String::new(), stride: 24, words: WORDS as u32, working: 640, moving_permille: 50 }
+        Self { tag: String::new(), stride: 24, words: WORDS as u32, working: 640, moving_permille: 50, replace: false }
     }
 }
 
@@ -177,12 +180,29 @@ pub fn build(clips: &[PathBuf], output: &Path, options: &Options, observer: &dyn
         return Err(error);
     }
     let (sources, segments) = clips.sort_out(&mut report);
+    if !options.replace {
+        nothing_lost(output, &segments)?;
+    }
     let tables = timed(&mut report.seconds[1], || features::compute(&segments, options, observer))?;
     report.bytes = timed(&mut report.seconds[2], || write(output, &tables, &segments, observer))?;
     report.complete(sources, &segments, &tables);
     drop(segments);
     workshop.remove()?;
     Ok(report)
+}
+
+/// Refuses to replace a pack that holds clips which the new one lacks.
+fn nothing_lost(output: &Path, segments: &[Segment]) -> Result<()> {
+    // What is no sound pack has no clips to lose; that it is a pack at all was checked before.
+    let Ok(old) = Pack::open(output) else { return Ok(()) };
+    let lost = old.clips().iter().filter(|clip| segments.iter().all(|s| s.meta.id != clip.id)).count();
+    if lost == 0 {
+        return Ok(());
+    }
+    let problem =
+        format!("this library holds {lost} of its {} clips that are not among those given", old.clips().len());
+    Err(Error::file(Kind::Unusable, output, problem)
+        .remedy("give all its clips again, write to another name, or say --replace; what was analysed is kept"))
 }
 
 fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> Result<T>) -> Result<T> {

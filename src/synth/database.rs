@@ -46,6 +46,8 @@ declare_options! {
         lambda: f32 = 0.06, in 0, 10, "ratio", "Okabe 2011, §5.3";
         /// Weight of how rough picture and piece are, as part of the data term.
         texture: f32 = 0.1, in 0, 10, "ratio", "methods §1.6";
+        /// Weight of the share of a piece that stands still where the picture's fluid should move.
+        still: f32 = 0.2, in 0, 10, "ratio", "methods §1.1";
         /// Most sweeps over the nodes when labels are chosen.
         sweeps: usize = 50, in 0, 10000, "sweeps", "Besag 1986";
         /// Exposure of the recovered average image: a streak is this many frames of motion long.
@@ -121,8 +123,8 @@ impl Database {
     }
 
     fn labelling(&self) -> LabelOptions {
-        let Options { sigma, rho, lambda, texture, sweeps, .. } = self.options;
-        LabelOptions { weights: Weights { sigma, rho }, lambda, texture, sweeps }
+        let Options { sigma, rho, lambda, texture, still, sweeps, .. } = self.options;
+        LabelOptions { weights: Weights { sigma, rho }, lambda, texture, still, sweeps }
     }
 
     /// Puts the chosen pieces onto their nodes.

@@ -19,7 +19,7 @@ use crate::library::normalizers::Normalizers;
 use crate::library::piece::PieceIx;
 use crate::library::reader::{Pack, Piece};
 use crate::library::tile::Tile;
-use crate::library::variant::{PIECE, Variant};
+use crate::library::variant::{CELL, PIECE, PIECE_CELLS, Variant};
 use crate::scene::scene::{Scene, Still};
 
 /// Side of the places that `per_place` counts, pixels of the clip.
@@ -188,6 +188,7 @@ fn no_such_tags(sources: &Sources, tags: &[String]) -> Error {
     }
     Error::new(Kind::Unusable, "use", format!("no clip of the library is tagged {}", tags.join(" or ")))
         .allowed(if known.is_empty() { "its clips have no tags".to_owned() } else { known.join(", ") })
+        .remedy("leave --use out, or build the library with enliven-db build --tag")
 }
 
 /// Admits pieces whose average motion points the asked way: within 30°, and 30° more with every step of widening.
@@ -241,6 +242,8 @@ pub struct LabelOptions {
     pub lambda: f32,
     /// Weight of the difference in textureness between picture and piece, as part of the data term.
     pub texture: f32,
+    /// Weight of the share of the node's fluid where the piece stands still, as part of the data term.
+    pub still: f32,
     /// Sweeps over the nodes at most.
     pub sweeps: usize,
 }
@@ -264,6 +267,7 @@ pub fn labels(
     let Choices { offsets, data, .. } = choices;
     let mut data = data.clone();
     add_texture_term(grid, still, offsets, &mut data, &tile, options.texture)?;
+    add_still_term(grid, still, offsets, &mut data, &tile, options.still)?;
     let pairs = pair_costs(grid, offsets, &origins, tile, &normalizers, options.weights, observer)?;
     let problem = Problem { offsets, data: &data, pairs: &pairs, lambda: options.lambda };
     let solution = stage(observer, "labels", 0, || Ok(icm(&problem, options.sweeps)))?;
@@ -320,6 +324,38 @@ fn add_texture_term(
                 |k: usize| tile.cells.iter().map(|c| c.textureness[k].to_f32()).sum::<f32>() / tile.cells.len() as f32;
             let ratio = |k: usize| ((wanted[k] + FLOOR) / (mean(k) + FLOOR)).log2().abs();
             Ok(weight * (0..wanted.len()).map(ratio).sum::<f32>() / wanted.len() as f32)
+        };
+        (offsets[n]..offsets[n + 1]).map(term).collect::<Result<Vec<f32>>>()
+    })?;
+    data.iter_mut().zip(terms.iter().flatten()).for_each(|(d, t)| *d += t);
+    Ok(())
+}
+
+/// Adds `weight` times the share of the node's fluid over which the piece has no motion to give: it would be a hole.
+fn add_still_term(
+    grid: &NodeGrid,
+    still: &Still,
+    offsets: &[usize],
+    data: &mut [f32],
+    tile: &(impl Fn(usize) -> Result<Tile> + Sync),
+    weight: f32,
+) -> Result<()> {
+    if weight == 0.0 {
+        return Ok(());
+    }
+    let matte = grid.padded(&still.working_matte);
+    let terms = par::try_map(grid.nodes.len(), |n| {
+        let node = &grid.nodes[n];
+        let (x0, y0) = (node.x as usize, node.y as usize);
+        let mut fluid = [0.0f32; PIECE_CELLS * PIECE_CELLS];
+        for (x, y) in (0..PIECE).flat_map(|y| (0..PIECE).map(move |x| (x, y))) {
+            fluid[y / CELL * PIECE_CELLS + x / CELL] += matte.at(x0 + x, y0 + y);
+        }
+        let area = fluid.iter().sum::<f32>().max(1.0);
+        let term = |entry: usize| {
+            let tile = tile(entry)?;
+            let holes = fluid.iter().zip(&tile.cells).map(|(f, c)| f * (1.0 - c.significant.to_f32())).sum::<f32>();
+            Ok(weight * holes / area)
         };
         (offsets[n]..offsets[n + 1]).map(term).collect::<Result<Vec<f32>>>()
     })?;
