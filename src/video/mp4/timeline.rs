@@ -28,6 +28,9 @@ pub struct Stretch {
 pub fn stretches(samples: &[Sample], edits: &[Edit]) -> Result<Vec<Stretch>, String> {
     let whole = [Edit { duration: 0, media: samples.iter().map(|s| s.shown).min() }];
     let edits = if edits.iter().any(|e| e.media.is_some()) { edits } else { &whole };
+    // By presentation time, once: an edit that shows nothing must cost next to nothing, for a file may hold many.
+    let mut order: Vec<usize> = (0..samples.len()).collect();
+    order.sort_by_key(|&i| samples[i].shown);
     let mut presented = 0i64;
     let mut work = 0usize;
     let mut out = Vec::new();
@@ -35,7 +38,7 @@ pub fn stretches(samples: &[Sample], edits: &[Edit]) -> Result<Vec<Stretch>, Str
         if let Some(start) = edit.media {
             // A single edit of duration 0 means "to the end", as writers that do not know the length use it.
             let end = if edit.duration == 0 { i64::MAX } else { start.saturating_add(edit.duration) };
-            if let Some(stretch) = stretch(samples, start, end, presented) {
+            if let Some(stretch) = stretch(samples, &order, start..end, presented) {
                 work += stretch.decode.len();
                 out.push(stretch);
             }
@@ -48,15 +51,11 @@ pub fn stretches(samples: &[Sample], edits: &[Edit]) -> Result<Vec<Stretch>, Str
     Ok(out)
 }
 
-fn stretch(samples: &[Sample], start: i64, end: i64, presented: i64) -> Option<Stretch> {
-    let inside = |s: &Sample| s.shown >= start && s.shown < end;
-    let mut show: Vec<(i64, usize)> = samples
-        .iter()
-        .enumerate()
-        .filter(|(_, s)| inside(s))
-        .map(|(i, s)| (presented.saturating_add(s.shown - start), i))
-        .collect();
-    show.sort_unstable();
+fn stretch(samples: &[Sample], order: &[usize], time: std::ops::Range<i64>, presented: i64) -> Option<Stretch> {
+    let before = |t: i64| order.partition_point(|&i| samples[i].shown < t);
+    let inside = order.get(before(time.start)..before(time.end))?;
+    let show: Vec<(i64, usize)> =
+        inside.iter().map(|&i| (presented.saturating_add(samples[i].shown - time.start), i)).collect();
     let first = show.iter().map(|&(_, i)| i).min()?;
     let last = show.iter().map(|&(_, i)| i).max()?;
     let sync = samples[..=first].iter().rposition(|s| s.sync).unwrap_or(0);
