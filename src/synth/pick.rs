@@ -315,20 +315,17 @@ fn add_texture_term(
     let luma = grid.padded(&still.working.luma());
     let mut picture = Textureness::new(luma.width, luma.height);
     picture.add(&luma);
-    let terms = par::try_map(grid.nodes.len(), |n| {
+    add_terms(offsets, data, |n| {
         let node = &grid.nodes[n];
         let wanted = picture.cell(node.x as usize, node.y as usize, PIECE);
-        let term = |entry: usize| {
+        Ok(move |entry: usize| {
             let tile = tile(entry)?;
             let mean =
                 |k: usize| tile.cells.iter().map(|c| c.textureness[k].to_f32()).sum::<f32>() / tile.cells.len() as f32;
             let ratio = |k: usize| ((wanted[k] + FLOOR) / (mean(k) + FLOOR)).log2().abs();
             Ok(weight * (0..wanted.len()).map(ratio).sum::<f32>() / wanted.len() as f32)
-        };
-        (offsets[n]..offsets[n + 1]).map(term).collect::<Result<Vec<f32>>>()
-    })?;
-    data.iter_mut().zip(terms.iter().flatten()).for_each(|(d, t)| *d += t);
-    Ok(())
+        })
+    })
 }
 
 /// Adds `weight` times the share of the node's fluid over which the piece has no motion to give: it would be a hole.
@@ -344,7 +341,7 @@ fn add_still_term(
         return Ok(());
     }
     let matte = grid.padded(&still.working_matte);
-    let terms = par::try_map(grid.nodes.len(), |n| {
+    add_terms(offsets, data, |n| {
         let node = &grid.nodes[n];
         let (x0, y0) = (node.x as usize, node.y as usize);
         let mut fluid = [0.0f32; PIECE_CELLS * PIECE_CELLS];
@@ -352,11 +349,22 @@ fn add_still_term(
             fluid[y / CELL * PIECE_CELLS + x / CELL] += matte.at(x0 + x, y0 + y);
         }
         let area = fluid.iter().sum::<f32>().max(1.0);
-        let term = |entry: usize| {
+        Ok(move |entry: usize| {
             let tile = tile(entry)?;
             let holes = fluid.iter().zip(&tile.cells).map(|(f, c)| f * (1.0 - c.significant.to_f32())).sum::<f32>();
             Ok(weight * holes / area)
-        };
+        })
+    })
+}
+
+/// Adds to every candidate's data term what `of(node)` says of its entry.
+fn add_terms<F: Fn(usize) -> Result<f32>>(
+    offsets: &[usize],
+    data: &mut [f32],
+    of: impl Fn(usize) -> Result<F> + Sync + Send,
+) -> Result<()> {
+    let terms = par::try_map(offsets.len() - 1, |n| {
+        let term = of(n)?;
         (offsets[n]..offsets[n + 1]).map(term).collect::<Result<Vec<f32>>>()
     })?;
     data.iter_mut().zip(terms.iter().flatten()).for_each(|(d, t)| *d += t);
