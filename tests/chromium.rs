@@ -132,7 +132,8 @@ fn results(browser: &mut Browser) -> Vec<String> {
 #[test]
 fn chromium_plays_seeks_and_shows_the_colours() {
     let folder = tempfile::tempdir().unwrap();
-    let options = SinkOptions { width: WIDTH, height: HEIGHT, rate: FrameRate::new(FPS).unwrap(), loops: true };
+    let options =
+        SinkOptions { width: WIDTH, height: HEIGHT, rate: FrameRate::new(FPS).unwrap(), loops: true, alpha: false };
     let mut sink = sink::create(&folder.path().join("a.mp4"), options).unwrap();
     (0..FRAMES).for_each(|t| sink.push(&frame(t)).unwrap());
     sink.finish().unwrap();

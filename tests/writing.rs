@@ -53,7 +53,7 @@ fn grainy(width: usize, height: usize, t: usize) -> Rgb8 {
 }
 
 fn options(width: usize, height: usize, fps: f64) -> SinkOptions {
-    SinkOptions { width, height, rate: FrameRate::new(fps).unwrap(), loops: true }
+    SinkOptions { width, height, rate: FrameRate::new(fps).unwrap(), loops: true, alpha: false }
 }
 
 fn write(path: &Path, frames: &[Rgb8], fps: f64) {

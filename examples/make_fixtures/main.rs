@@ -133,7 +133,13 @@ fn write_matte(path: &Path, matte: &Plane) -> Result<()> {
 fn write_clip(path: &Path, mut frame: impl FnMut(usize) -> Rgb8) -> Result<()> {
     create_parent(path)?;
     let first = frame(0);
-    let options = SinkOptions { width: first.width, height: first.height, rate: FrameRate::new(FPS)?, loops: false };
+    let options = SinkOptions {
+        width: first.width,
+        height: first.height,
+        rate: FrameRate::new(FPS)?,
+        loops: false,
+        alpha: false,
+    };
     let mut sink = sink::create(path, options)?;
     sink.push(&first)?;
     for t in 1..FRAMES {

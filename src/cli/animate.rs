@@ -177,7 +177,7 @@ pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: 
     let settings = scene.settings().output;
     let (width, height) = scene.frame_map().output;
     let rate = FrameRate::new(f64::from(settings.fps))?;
-    let inner = sink::create(output, SinkOptions { width, height, rate, loops: true })?;
+    let inner = sink::create(output, SinkOptions { width, height, rate, loops: true, alpha: false })?;
     let wanted = if report.is_some() { spread(settings.frames, SHEET_FRAMES) } else { Vec::new() };
     let mut collector = Box::new(Collector { inner, wanted, next: 0, kept: Vec::new() });
     let outcome = synth::run(&scene, &mut *collector, observer)?;

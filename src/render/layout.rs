@@ -41,6 +41,14 @@ pub struct Placement {
 }
 
 impl Placement {
+    /// Mean motion (u, v) and mean length of the motion over the piece, counting cells by how much of them moves; pixels
+    /// per library frame.
+    pub fn motion(&self) -> ((f32, f32), f32) {
+        let total = self.cells.iter().map(|c| c.significant).sum::<f32>().max(1e-6);
+        let mean = |of: fn(&PlacedCell) -> f32| self.cells.iter().map(|c| c.significant * of(c)).sum::<f32>() / total;
+        ((mean(|c| c.mean.0), mean(|c| c.mean.1)), mean(|c| c.activity))
+    }
+
     /// A quantity of the cells, interpolated at position `(x, y)` relative to the node's corner, pixels.
     pub fn cell_value(&self, x: f32, y: f32, value: impl Fn(&PlacedCell) -> f32) -> f32 {
         let side = PIECE_CELLS as f32;

@@ -57,8 +57,10 @@ fn write_thumbnail(pack: &Pack, clip: u32, folder: &Path) -> Result<()> {
     let meta = &pack.clips()[clip as usize];
     let (width, height) = thumbnail_size(meta.width, meta.height);
     let rate = FrameRate::new(f64::from(pack.parameters().rate))?;
-    let mut sink =
-        sink::create(&folder.join(name(pack, clip, "mp4")), SinkOptions { width, height, rate, loops: true })?;
+    let mut sink = sink::create(
+        &folder.join(name(pack, clip, "mp4")),
+        SinkOptions { width, height, rate, loops: true, alpha: false },
+    )?;
     let mut frames = pack.frames(clip)?;
     for t in 0..(meta.frames as usize).min(THUMBNAIL_FRAMES) {
         sink.push(&resize_rgb8(&frames.at(t)?, width, height))?;

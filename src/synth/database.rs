@@ -113,7 +113,7 @@ impl Synthesizer for Database {
         sources.packs.iter().try_for_each(|(_, pack)| pack.check_length())?;
         let rendering = stage(observer, "prepare", 0, || self.prepare(&placed, &clips, &still))?;
         frames(&placed, &clips, &rendering, scene, sink, observer)?;
-        outcome(&placed, &clips, &rendering, &labels, &still, sources)
+        outcome(&placed, &clips, &rendering, &labels, &still, sources, scene)
     }
 }
 
@@ -278,10 +278,11 @@ fn outcome(
     labels: &Labels,
     still: &Still,
     sources: &Sources,
+    scene: &Scene,
 ) -> Result<Outcome> {
     let clip_of: Vec<usize> = placed.layout.placements.iter().map(|p| placed.sources[p.source].0).collect();
-    let record =
-        RunRecord { assignment: Some(assignment(placed, clips, &clip_of, labels, sources)?), ..RunRecord::default() };
+    let assignment = assignment(placed, clips, &clip_of, labels, sources, scene.settings().output.fps)?;
+    let record = RunRecord { assignment: Some(assignment), ..RunRecord::default() };
     let picture = assignment_picture(&still.working.luma(), &still.working_matte, &placed.layout, &clip_of);
     let motion = &rendering.motion;
     let full = |plane: &Plane| resize(plane, still.map.working.0, still.map.working.1);
@@ -302,6 +303,7 @@ fn assignment(
     clip_of: &[usize],
     labels: &Labels,
     sources: &Sources,
+    fps: f32,
 ) -> Result<AssignmentRecord> {
     let share = |(i, &(library, clip)): (usize, &(usize, u32))| {
         let meta = &sources.packs[library].1.clips()[clip as usize];
@@ -321,7 +323,12 @@ fn assignment(
     shares.sort_by(|a, b| b.nodes.cmp(&a.nodes).then_with(|| a.clip.cmp(&b.clip)));
     let node = |(placement, choice): (&Placement, &Choice)| {
         let (x, y) = placement.node;
-        Ok(NodeRecord { x, y, library: choice.pack, piece: sources.packs[choice.pack].1.piece_ref(choice.piece)? })
+        let pack = &sources.packs[choice.pack].1;
+        let rate = pack.parameters().rate as f32 / fps;
+        let (mean, activity) = placement.motion();
+        let piece = pack.piece_ref(choice.piece)?;
+        let motion = (rate * mean.0, rate * mean.1);
+        Ok(NodeRecord { x, y, library: choice.pack, piece, motion, activity: rate * activity })
     };
     Ok(AssignmentRecord {
         energy: labels.energy,

@@ -92,6 +92,10 @@ pub struct NodeRecord {
     pub library: usize,
     /// The piece.
     pub piece: PieceRef,
+    /// Mean motion of the piece as it is played here (u, v), pixels of the working image per output frame.
+    pub motion: (f32, f32),
+    /// Mean length of its motion, in the same unit.
+    pub activity: f32,
 }
 
 impl RunRecord {

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Kind, Result};
 
 /// Matrix between Y'CbCr and R'G'B'.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -107,6 +107,16 @@ pub trait Sink: Send {
     /// # Errors
     /// When the disk is full or the encoder fails.
     fn push(&mut self, frame: &crate::raster::image::Rgb8) -> Result<()>;
+
+    /// Writes one frame with its opacity, a byte per pixel, colours not multiplied by it; only for a sink that was made
+    /// with [`SinkOptions::alpha`](super::sink::SinkOptions::alpha).
+    ///
+    /// # Errors
+    /// Those of [`Sink::push`]; a sink without alpha.
+    fn push_with_alpha(&mut self, frame: &crate::raster::image::Rgb8, alpha: &[u8]) -> Result<()> {
+        let _ = (frame, alpha);
+        Err(Error::new(Kind::Unsupported, "output", "this format holds no alpha"))
+    }
 
     /// Completes the file and gives it its final name; without this call nothing stays behind.
     ///

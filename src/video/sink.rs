@@ -76,6 +76,8 @@ pub struct SinkOptions {
     pub rate: FrameRate,
     /// Whether a player should start again at the end, where the format can say so (GIF).
     pub loops: bool,
+    /// Whether every frame comes with its opacity.
+    pub alpha: bool,
 }
 
 /// Where frames go, told by the name.
