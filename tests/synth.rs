@@ -10,6 +10,7 @@ use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::{Observer, Silent};
 use enliven::base::par;
 use enliven::library::build::build;
+use enliven::library::reader::Pack;
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::picture_io::{write_grey_png, write_png};
 use enliven::scene::scene::{Scene, open};
@@ -71,6 +72,12 @@ impl Stage {
         let mut sink = Keep::default();
         let outcome = run(&self.scene(more)?, &mut sink, observer)?;
         Ok((sink.0, outcome))
+    }
+
+    /// Names of the library's clips.
+    fn clips(&self) -> [String; 3] {
+        let pack = Pack::open(&self.path("small.pack")).unwrap();
+        std::array::from_fn(|i| pack.clips()[i].id.to_string())
     }
 
     fn error(&self, more: &str) -> Error {
@@ -176,6 +183,13 @@ fn mistakes_are_named() {
     contains("[database]\nshuter = 1", "did you mean \"shutter\"?");
     contains("[database]\nshutter = -1", "database.shutter: -1 is out of range");
     contains("use = ['lava']", "no clip of the library is tagged lava (allowed: test)");
+    let [a, b, c] = stage.clips();
+    let mut misspelt = a.clone();
+    misspelt.replace_range(3..4, if a[3..].starts_with('0') { "1" } else { "0" });
+    contains(&format!("without = ['{misspelt}']"), &format!("no clip of the library is called \"{misspelt}\""));
+    contains(&format!("without = ['{misspelt}']"), &format!("did you mean \"{a}\"?"));
+    contains("without = ['my clip']", "`enliven-db inspect` lists its clips");
+    contains(&format!("without = ['{a}', '{b}', '{c}']"), "without: leaves no piece of the library to use");
     std::fs::write(stage.path("text.pack"), "not a pack").unwrap();
     let scene = |library: &[&Path]| {
         let mut file = open(&stage.path("p.png")).unwrap();
@@ -184,6 +198,20 @@ fn mistakes_are_named() {
     };
     assert!(scene(&[]).contains("needs a library"));
     assert!(scene(&[&stage.path("text.pack")]).contains("text.pack"));
+}
+
+#[test]
+fn clips_are_left_out_by_name() {
+    let stage = Stage::new();
+    let used = |more: &str| {
+        let (_, outcome) = stage.run(&format!("{more}\n[output]\nframes = 4\n"), &Silent).unwrap();
+        let clips = outcome.record.assignment.unwrap().clips;
+        clips.into_iter().map(|c| c.clip).collect::<Vec<_>>()
+    };
+    let favourite = used("")[0].clone();
+    assert!(!used(&format!("without = ['{favourite}']")).contains(&favourite));
+    let others: Vec<String> = stage.clips().into_iter().filter(|c| *c != favourite).collect();
+    assert_eq!(used(&format!("use = ['test']\nwithout = {others:?}")), [favourite]);
 }
 
 #[test]

@@ -35,6 +35,9 @@ pub struct Animate {
     /// Only clips with these tags (comma-separated)
     #[arg(long = "use", value_name = "TAG", value_delimiter = ',')]
     pub tags: Vec<String>,
+    /// Clips of the library that must not be used, by the names that enliven-db inspect lists (comma-separated)
+    #[arg(long, value_name = "CLIP", value_delimiter = ',')]
+    pub without: Vec<String>,
     /// Main direction of the flow in degrees: 0 right, 90 down, -90 up
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = parse_number)]
     pub direction: Option<f32>,
@@ -105,6 +108,9 @@ impl Animate {
         }
         if !over.tags.is_empty() {
             file.tags = over.tags;
+        }
+        if !over.without.is_empty() {
+            file.without = over.without;
         }
         file.output.frames = over.frames.unwrap_or(file.output.frames);
         file.output.fps = over.fps.unwrap_or(file.output.fps);

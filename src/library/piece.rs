@@ -10,6 +10,13 @@ use super::variant::Variant;
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct ClipId(pub [u8; 32]);
 
+impl ClipId {
+    /// Whether `name` is this clip as reports name it, or the first 8 or more of its 64 hexadecimal digits.
+    pub fn is_called(&self, name: &str) -> bool {
+        name.len() >= 8 && blake3::Hash::from(self.0).to_hex().starts_with(&name.to_ascii_lowercase())
+    }
+}
+
 impl fmt::Display for ClipId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.0[..8].iter().try_for_each(|b| write!(f, "{b:02x}"))
@@ -38,3 +45,16 @@ pub struct PieceRef {
 /// Number of a piece within one pack; only meaningful in memory. Pieces are ordered by [`PieceRef`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PieceIx(pub u32);
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_clip_answers_to_its_short_and_its_full_name() {
+        let id = ClipId(std::array::from_fn(|i| 17 * i as u8));
+        assert!(id.is_called(&id.to_string()) && id.is_called(&id.to_string()[..8]));
+        assert!(id.is_called("00112233445566778899AABBCCDDEEFF"));
+        assert!(!id.is_called("0011223") && !id.is_called("") && !id.is_called("0011223344556676"));
+    }
+}

@@ -9,8 +9,8 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::options::{Table, Value, refuse_unknown, unknown};
 
 /// Keys of a scene file outside its tables.
-pub const KEYS: [&str; 9] =
-    ["picture", "matte", "background", "library", "use", "method", "reference", "motion", "output"];
+pub const KEYS: [&str; 10] =
+    ["picture", "matte", "background", "library", "use", "without", "method", "reference", "motion", "output"];
 /// Keys of `[motion]`.
 pub const MOTION_KEYS: [&str; 1] = ["direction"];
 /// Keys of `[output]`.
@@ -33,6 +33,9 @@ pub struct SceneFile {
     /// Only clips with one of these tags; empty: all clips.
     #[serde(rename = "use", skip_serializing_if = "Vec::is_empty")]
     pub tags: Vec<String>,
+    /// Clips of the libraries that must not be used, by the names that reports give them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub without: Vec<String>,
     /// Registry name of the method.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub method: Option<String>,

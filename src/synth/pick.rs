@@ -10,16 +10,19 @@ use crate::assign::nodes::{Node, NodeGrid};
 use crate::assign::pair_costs::{Origin, Weights, pair_costs};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{Observer, stage};
+use crate::base::options::nearest;
 use crate::base::par;
 use crate::descriptor::dense_sift;
 use crate::descriptor::textureness::Textureness;
 use crate::descriptor::vocabulary::PIECE_WORDS;
 use crate::library::format::MAX_CLIPS;
+use crate::library::metadata::ClipMeta;
 use crate::library::normalizers::Normalizers;
-use crate::library::piece::PieceIx;
+use crate::library::piece::{ClipId, PieceIx};
 use crate::library::reader::{Pack, Piece};
 use crate::library::tile::Tile;
 use crate::library::variant::{CELL, PIECE, PIECE_CELLS, Variant};
+use crate::scene::file::SceneFile;
 use crate::scene::scene::{Scene, Still};
 
 /// Side of the places that `per_place` counts, pixels of the clip.
@@ -74,10 +77,11 @@ pub fn candidates(
     options: &candidates::Options,
     observer: &dyn Observer,
 ) -> Result<Choices> {
+    check_without(sources, &scene.settings().without)?;
     let described = dense_sift::describe(&grid.padded(&still.working.luma()));
     let mut found = Vec::new();
     for (number, (path, pack)) in sources.packs.iter().enumerate() {
-        let Some(usable) = Usable::of(pack, &scene.settings().tags)? else { continue };
+        let Some(usable) = Usable::of(pack, scene.settings())? else { continue };
         let words = pack.vocabulary()?.words(&described);
         let word = |n: &Node| words.piece(n.x as usize, n.y as usize);
         let nodes: Option<Vec<[u8; PIECE_WORDS]>> = grid.nodes.iter().map(word).collect();
@@ -88,7 +92,7 @@ pub fn candidates(
         found.push((number, usable, candidates));
     }
     if found.is_empty() {
-        return Err(no_such_tags(sources, &scene.settings().tags));
+        return Err(nothing_usable(sources, scene.settings()));
     }
     let widened = found.iter().flat_map(|f| &f.2.widened).filter(|&&w| w > 0).count();
     if widened > 0 {
@@ -121,7 +125,8 @@ fn merge(found: &[(usize, Usable, Candidates)], nodes: usize, count: usize) -> C
     out
 }
 
-/// The pieces of a pack that may be used: all of them, or copies of the rows of those with the right tags.
+/// The pieces of a pack that may be used: all of them, or copies of the rows of those with the right tags that are not
+/// to be left out.
 struct Usable {
     some: Option<Selection>,
     places: Vec<u32>,
@@ -133,14 +138,17 @@ struct Selection {
 }
 
 impl Usable {
-    /// `None` when no clip has one of the tags.
-    fn of(pack: &Pack, tags: &[String]) -> Result<Option<Self>> {
+    /// `None` when no clip may be used.
+    fn of(pack: &Pack, SceneFile { tags, without, .. }: &SceneFile) -> Result<Option<Self>> {
         let pieces = pack.pieces()?;
-        if tags.is_empty() {
+        let wanted = |c: &ClipMeta| {
+            (tags.is_empty() || tags.contains(&c.tag)) && !without.iter().any(|name| c.id.is_called(name))
+        };
+        let wanted: Vec<bool> = pack.clips().iter().map(wanted).collect();
+        if wanted.iter().all(|&w| w) {
             let places = (0..pieces.len()).map(|i| place(pack, &pieces[i])).collect();
             return Ok((!pieces.is_empty()).then_some(Self { some: None, places }));
         }
-        let wanted: Vec<bool> = pack.clips().iter().map(|c| tags.contains(&c.tag)).collect();
         let numbers: Vec<u32> =
             (0..pieces.len() as u32).filter(|&i| wanted[pieces[i as usize].clip as usize]).collect();
         let words = pack.words()?;
@@ -174,21 +182,33 @@ fn place(pack: &Pack, piece: &Piece) -> u32 {
     (piece.clip << 16) | ((square(y) & 0xff) << 8) | (square(x) & 0xff)
 }
 
-fn no_such_tags(sources: &Sources, tags: &[String]) -> Error {
-    let known: BTreeSet<&str> = sources
-        .packs
-        .iter()
-        .flat_map(|(_, pack)| pack.clips())
-        .map(|c| c.tag.as_str())
-        .filter(|t| !t.is_empty())
-        .collect();
-    let known: Vec<&str> = known.into_iter().collect();
-    if tags.is_empty() {
-        return Error::new(Kind::Unusable, "library", "holds no pieces").remedy("add clips to it with enliven-db");
+/// Refuses clips to be left out that no library has: a misspelt one would be used.
+fn check_without(sources: &Sources, without: &[String]) -> Result<()> {
+    let ids: Vec<ClipId> = sources.packs.iter().flat_map(|(_, pack)| pack.clips()).map(|c| c.id).collect();
+    let Some(unknown) = without.iter().find(|name| !ids.iter().any(|id| id.is_called(name))) else { return Ok(()) };
+    let names: Vec<String> = ids.iter().map(ClipId::to_string).collect();
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let error = Error::new(Kind::Usage, "without", format!("no clip of the library is called {unknown:?}"));
+    Err(match nearest(unknown, &names) {
+        Some(name) => error.remedy(format!("did you mean {name:?}?")),
+        None => error.remedy("`enliven-db inspect` lists its clips"),
+    })
+}
+
+fn nothing_usable(sources: &Sources, SceneFile { tags, without, .. }: &SceneFile) -> Error {
+    let clips = || sources.packs.iter().flat_map(|(_, pack)| pack.clips());
+    let known: BTreeSet<&str> = clips().map(|c| c.tag.as_str()).filter(|t| !t.is_empty()).collect();
+    if !tags.is_empty() && !clips().any(|c| tags.contains(&c.tag)) {
+        let known: Vec<&str> = known.into_iter().collect();
+        return Error::new(Kind::Unusable, "use", format!("no clip of the library is tagged {}", tags.join(" or ")))
+            .allowed(if known.is_empty() { "its clips have no tags".to_owned() } else { known.join(", ") })
+            .remedy("leave --use out, or build the library with enliven-db build --tag");
     }
-    Error::new(Kind::Unusable, "use", format!("no clip of the library is tagged {}", tags.join(" or ")))
-        .allowed(if known.is_empty() { "its clips have no tags".to_owned() } else { known.join(", ") })
-        .remedy("leave --use out, or build the library with enliven-db build --tag")
+    if !without.is_empty() {
+        return Error::new(Kind::Unusable, "without", "leaves no piece of the library to use")
+            .remedy("name fewer clips, or another library");
+    }
+    Error::new(Kind::Unusable, "library", "holds no pieces").remedy("add clips to it with enliven-db")
 }
 
 /// Admits pieces whose average motion points the asked way: within 30°, and 30° more with every step of widening.
