@@ -4,6 +4,7 @@ mod build;
 mod gallery;
 mod inspect;
 mod scan;
+mod scenes;
 mod verify;
 
 use std::process::ExitCode;
@@ -27,6 +28,7 @@ enum Command {
     Scan(scan::Scan),
     Build(build::Build),
     Inspect(inspect::Inspect),
+    Scenes(scenes::Scenes),
     Verify(verify::Verify),
     Gallery(gallery::Gallery),
 }
@@ -37,6 +39,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Scan(command) => command.run(&terminal),
         Command::Build(command) => command.run(&terminal),
         Command::Inspect(command) => command.run(),
+        Command::Scenes(command) => command.run(&terminal),
         Command::Verify(command) => command.run(&terminal),
         Command::Gallery(command) => command.run(&terminal),
     }

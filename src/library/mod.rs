@@ -24,6 +24,7 @@ pub mod significance;
 pub mod statistics;
 pub mod store;
 pub mod tile;
+pub mod twins;
 pub mod variant;
 pub mod verify;
 pub mod workshop;

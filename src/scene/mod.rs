@@ -2,5 +2,7 @@
 
 pub mod file;
 pub mod frame_map;
+pub mod leave_one_out;
+pub mod left_out;
 #[expect(clippy::module_inception, reason = "the scene is what this group is about")]
 pub mod scene;

@@ -1,0 +1,60 @@
+//! `enliven-db scenes`: clips to scenes whose answer is known.
+
+use std::path::PathBuf;
+
+use enliven::base::error::{Error, Kind, Result};
+use enliven::base::observe::Observer;
+use enliven::say;
+use enliven::scene::leave_one_out::{Report, scenes};
+
+/// Make scenes to measure by: a frame of each clip as the picture, what moves as the matte, the clip's later frames as the
+/// reference. Each is animated with the library less its own clip.
+#[derive(clap::Args)]
+pub struct Scenes {
+    /// Video files, or folders of them
+    #[arg(required = true)]
+    clips: Vec<PathBuf>,
+    /// Library that the scenes borrow from, and in which their clips are left out; may be given more than once
+    #[arg(long, value_name = "PACK")]
+    library: Vec<PathBuf>,
+    /// Folder for the scenes, one folder each
+    #[arg(short, long)]
+    output: PathBuf,
+    /// Print the report as JSON
+    #[arg(long)]
+    json: bool,
+}
+
+impl Scenes {
+    pub fn run(&self, observer: &dyn Observer) -> Result<()> {
+        let report = scenes(&self.clips, &self.library, &self.output, observer)?;
+        if self.json {
+            let text = serde_json::to_string_pretty(&report);
+            say!("{}", text.map_err(|e| Error::new(Kind::Data, "report", e.to_string()))?);
+        } else {
+            print(&report);
+        }
+        Ok(())
+    }
+}
+
+fn print(report: &Report) {
+    say!("{:24} {:>9} {:>6} {:>10} {:>6}  left out; the most like it of those used", "scene", "size", "frame", "reference", "fluid");
+    for scene in &report.written {
+        let name = scene.scene.file_name().unwrap_or_default().to_string_lossy();
+        let (width, height) = scene.size;
+        let nearest = scene.nearest.as_ref().map(|(id, distance)| format!("; {id} at {distance:.2}"));
+        say!(
+            "{name:24} {:>9} {:>6} {:>10} {:>5.0}%  {}{}",
+            format!("{width}x{height}"),
+            scene.frame,
+            format!("{}..{}", scene.reference.0, scene.reference.1),
+            100.0 * scene.fluid,
+            if scene.without.is_empty() { "none".to_owned() } else { scene.without.join(", ") },
+            nearest.unwrap_or_default()
+        );
+    }
+    for clip in &report.refused {
+        say!("{:24} no scene: {}", clip.path.file_name().unwrap_or_default().to_string_lossy(), clip.reason);
+    }
+}
