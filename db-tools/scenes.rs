@@ -39,7 +39,14 @@ impl Scenes {
 }
 
 fn print(report: &Report) {
-    say!("{:24} {:>9} {:>6} {:>10} {:>6}  left out; the most like it of those used", "scene", "size", "frame", "reference", "fluid");
+    say!(
+        "{:24} {:>9} {:>6} {:>10} {:>6}  left out; the most like it of those used",
+        "scene",
+        "size",
+        "frame",
+        "reference",
+        "fluid"
+    );
     for scene in &report.written {
         let name = scene.scene.file_name().unwrap_or_default().to_string_lossy();
         let (width, height) = scene.size;

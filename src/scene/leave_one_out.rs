@@ -270,13 +270,7 @@ impl Target<'_> {
     }
 }
 
-fn write_reference(
-    path: &Path,
-    pack: &Pack,
-    clip: u32,
-    scene: &LeftOut,
-    observer: &dyn Observer,
-) -> Result<()> {
+fn write_reference(path: &Path, pack: &Pack, clip: u32, scene: &LeftOut, observer: &dyn Observer) -> Result<()> {
     let (width, height) = (scene.picture.width, scene.picture.height);
     let rate = FrameRate::new(f64::from(pack.parameters().rate))?;
     let mut sink = sink::create(path, SinkOptions { width, height, rate, loops: false, alpha: false })?;

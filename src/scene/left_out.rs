@@ -44,7 +44,8 @@ impl LeftOut {
         let significant = grid.cells.iter().map(|c| c.significant.to_f32()).collect();
         let matte = matte(&Plane::from_vec(grid.width, grid.height, significant));
         if matte.data.iter().all(|&m| m < 0.5) {
-            let problem = format!("clip {} has no area of significant motion to animate", pack.clips()[clip as usize].id);
+            let problem =
+                format!("clip {} has no area of significant motion to animate", pack.clips()[clip as usize].id);
             return Err(Error::new(Kind::Unusable, pack.subject(), problem));
         }
         let count = pack.clips()[clip as usize].frames as usize;
@@ -108,9 +109,8 @@ fn matte(significant: &Plane) -> Plane {
     let mut fluid: Vec<bool> = gaussian(significant, SMOOTHING).data.iter().map(|&s| s >= 0.5).collect();
     fill_small(&mut fluid, width, true);
     fill_small(&mut fluid, width, false);
-    let hard = Plane::from_fn(width * CELL, height * CELL, |x, y| {
-        f32::from(u8::from(fluid[y / CELL * width + x / CELL]))
-    });
+    let hard =
+        Plane::from_fn(width * CELL, height * CELL, |x, y| f32::from(u8::from(fluid[y / CELL * width + x / CELL])));
     // The ends of the Gaussian would show as a faint veil over the background.
     gaussian(&hard, EDGE).map(|m| if m < 0.02 { 0.0 } else { m.min(1.0) })
 }
