@@ -9,6 +9,7 @@ pub mod cli;
 pub mod descriptor;
 pub mod flow;
 pub mod library;
+pub mod measure;
 pub mod raster;
 pub mod render;
 pub mod report;

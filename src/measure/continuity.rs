@@ -1,0 +1,161 @@
+//! What goes on from frame to frame: steps, the loop's closing, flicker, contrast.
+
+use super::footage::Footage;
+use super::{Better, Measure};
+use crate::base::par;
+use crate::raster::image::Rgb8;
+use crate::raster::pyramid::laplacian;
+
+/// Frequency above which a change of the whole picture's brightness is flicker, Hz.
+const FLICKER_FROM: f64 = 2.0;
+
+/// Change so small that a video of 8 bits stands still, in [0, 1].
+const STILL: f64 = 1e-4;
+
+/// The loop's closing.
+pub const LOOP_RATIO: Measure = Measure {
+    name: "loop ratio",
+    unit: "ratio",
+    definition: "mean absolute difference of the last and the first frame over the median one of consecutive frames",
+    needs: "3 frames",
+    better: Better::One,
+    compute: |subject| {
+        let frames = subject.footage.frames();
+        let typical = median(steps(subject.footage)?);
+        let closing = difference(&frames[frames.len() - 1], &frames[0], subject.footage.inside());
+        ratio(closing, typical)
+    },
+};
+
+/// Jumps.
+pub const LARGEST_STEP_RATIO: Measure = Measure {
+    name: "largest step ratio",
+    unit: "ratio",
+    definition: "largest mean absolute difference of consecutive frames over the median one",
+    needs: "3 frames",
+    better: Better::One,
+    compute: |subject| {
+        let steps = steps(subject.footage)?;
+        let largest = steps.iter().copied().fold(0.0, f64::max);
+        ratio(largest, median(steps))
+    },
+};
+
+/// Fades that blur.
+pub const CONTRAST_DIP: Measure = Measure {
+    name: "contrast dip",
+    unit: "ratio",
+    definition: "least over median, through time, of the band-pass contrast (2 to 8 pixels) of each frame less the mean frame",
+    needs: "3 frames",
+    better: Better::One,
+    compute: |subject| {
+        let contrasts = contrasts(subject.footage)?;
+        let least = contrasts.iter().copied().fold(f64::INFINITY, f64::min);
+        ratio(least, median(contrasts))
+    },
+};
+
+/// Brightness that trembles.
+pub const FLICKER: Measure = Measure {
+    name: "flicker",
+    unit: "luma, 0 to 1",
+    definition: "root of the power of the frames' mean luma above 2 Hz",
+    needs: "3 frames, more than 4 frames per second",
+    better: Better::Lower,
+    compute: |subject| {
+        let footage = subject.footage;
+        let usable = footage.frames().len() >= 3 && f64::from(footage.fps()) > 2.0 * FLICKER_FROM;
+        usable.then(|| power_above(&brightness(footage), f64::from(footage.fps()), footage.loops()).sqrt())
+    },
+};
+
+/// A quotient that has a meaning: `None` where what is typical is less than [`STILL`].
+fn ratio(value: f64, typical: f64) -> Option<f64> {
+    (typical > STILL).then(|| value / typical)
+}
+
+/// Differences of consecutive frames, without the closing one; `None` when there are fewer than two.
+fn steps(footage: &Footage) -> Option<Vec<f64>> {
+    let frames = footage.frames();
+    (frames.len() >= 3)
+        .then(|| par::map(frames.len() - 1, |t| difference(&frames[t], &frames[t + 1], footage.inside())))
+}
+
+/// Mean absolute difference of the channels inside the matte, in [0, 1].
+fn difference(a: &Rgb8, b: &Rgb8, inside: &[bool]) -> f64 {
+    let (mut sum, mut count) = (0u64, 0u64);
+    for ((a, b), &inside) in a.data.chunks_exact(3).zip(b.data.chunks_exact(3)).zip(inside) {
+        let d = a.iter().zip(b).map(|(a, b)| u64::from(a.abs_diff(*b))).sum::<u64>();
+        sum += d * u64::from(inside);
+        count += u64::from(inside);
+    }
+    sum as f64 / (255 * 3 * count) as f64
+}
+
+/// Contrast of each frame less the mean frame.
+fn contrasts(footage: &Footage) -> Option<Vec<f64>> {
+    let (luma, mean) = (footage.luma(), footage.mean());
+    if luma.len() < 3 {
+        return None;
+    }
+    let (width, inside) = (footage.width(), footage.inside());
+    Some(par::map(luma.len(), |t| {
+        let mut moving = luma[t].clone();
+        moving.data.iter_mut().zip(&mean.data).for_each(|(l, m)| *l -= m);
+        let band = laplacian(&moving, 2).0.swap_remove(1);
+        let places = (0..band.height).flat_map(|y| (0..band.width).map(move |x| (x, y)));
+        let values = places.filter(|&(x, y)| inside[2 * y * width + 2 * x]).map(|(x, y)| f64::from(band.at(x, y)));
+        let (sum, count) = values.fold((0.0, 0usize), |(sum, n), v| (sum + v * v, n + 1));
+        (sum / count.max(1) as f64).sqrt()
+    }))
+}
+
+/// Mean luma of each frame.
+fn brightness(footage: &Footage) -> Vec<f64> {
+    let pixels = footage.pixels();
+    let luma = footage.luma();
+    par::map(luma.len(), |t| {
+        pixels.iter().map(|&p| f64::from(luma[t].data[p])).sum::<f64>() / pixels.len() as f64
+    })
+}
+
+/// Power of a series above [`FLICKER_FROM`]: its variance in that band. A series that does not loop is tapered (Hann),
+/// or the jump from its end to its start would count.
+fn power_above(series: &[f64], fps: f64, loops: bool) -> f64 {
+    use std::f64::consts::TAU;
+    let n = series.len();
+    let mean = series.iter().sum::<f64>() / n as f64;
+    let taper = |t: usize| if loops { 1.0 } else { 0.5 - 0.5 * (TAU * (t as f64 + 0.5) / n as f64).cos() };
+    let tapered: Vec<f64> = series.iter().enumerate().map(|(t, v)| (v - mean) * taper(t)).collect();
+    let weight = n as f64 * (0..n).map(|t| taper(t).powi(2)).sum::<f64>();
+    let power = |k: usize| {
+        let angle = |t: usize| TAU * ((k * t) % n) as f64 / n as f64;
+        let (re, im) = tapered.iter().enumerate().fold((0.0, 0.0), |(re, im), (t, v)| {
+            let (sin, cos) = angle(t).sin_cos();
+            (re + v * cos, im + v * sin)
+        });
+        (if 2 * k == n { 1.0 } else { 2.0 }) * (re * re + im * im) / weight
+    };
+    (1..=n / 2).filter(|&k| k as f64 * fps / n as f64 > FLICKER_FROM).map(power).sum()
+}
+
+/// The middle value, the upper one of two; 0 for none.
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn power_is_the_variance_above_two_hertz() {
+        let wave = |hertz: f64, t: usize| 0.1 * (std::f64::consts::TAU * hertz * t as f64 / 25.0).sin();
+        let series: Vec<f64> = (0..100).map(|t| 0.5 + wave(5.0, t) + wave(1.0, t)).collect();
+        for loops in [true, false] {
+            let power = power_above(&series, 25.0, loops);
+            assert!((power - 0.005).abs() < 1e-4, "{power}");
+        }
+    }
+}

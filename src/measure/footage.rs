@@ -1,0 +1,189 @@
+//! Frames in memory, of one size, with what several measures need of them.
+
+use std::ops::Range;
+use std::sync::OnceLock;
+
+use super::motion::{self, Pair};
+use crate::base::error::{Error, Kind, Result};
+use crate::base::par;
+use crate::raster::image::{Plane, Rgb8};
+use crate::raster::resample::{resize, resize_rgb8};
+use crate::video::clip::Sink;
+
+/// Long side that videos are measured at unless the caller says otherwise: that of a library clip.
+pub const LONG_SIDE: usize = 640;
+
+/// Frames of one size, and which of their pixels count.
+#[derive(Debug, Default)]
+pub struct Footage {
+    frames: Vec<Rgb8>,
+    fps: f32,
+    loops: bool,
+    inside: Vec<bool>,
+    luma: OnceLock<Vec<Plane>>,
+    mean: OnceLock<Plane>,
+    pairs: OnceLock<Vec<Pair>>,
+}
+
+impl Footage {
+    /// Frames at `fps` frames per second; with `loops` the first follows the last. Pixels count where `matte`, which is
+    /// resized to the frames, is at least ½; without a matte all count.
+    ///
+    /// # Errors
+    /// No frames, frames of different sizes, a matte with no pixel inside.
+    pub fn new(frames: Vec<Rgb8>, fps: f32, loops: bool, matte: Option<&Plane>) -> Result<Self> {
+        let Some(first) = frames.first() else {
+            return Err(Error::new(Kind::Unusable, "video", "it has no frames").remedy("check that it plays"));
+        };
+        let size = (first.width, first.height);
+        if let Some(at) = frames.iter().position(|f| (f.width, f.height) != size) {
+            let problem = format!("frame {at} has {} × {} pixels", frames[at].width, frames[at].height);
+            return Err(Error::new(Kind::Unusable, "video", problem).allowed(format!("{} × {}", size.0, size.1)));
+        }
+        let inside: Vec<bool> = match matte {
+            Some(matte) => resize(matte, size.0, size.1).data.iter().map(|&m| m >= 0.5).collect(),
+            None => vec![true; size.0 * size.1],
+        };
+        if !inside.contains(&true) {
+            return Err(Error::new(Kind::Unusable, "matte", "no pixel is at least half white: nothing to measure")
+                .remedy("paint white where the fluid is"));
+        }
+        Ok(Self { frames, fps, loops, inside, ..Self::default() })
+    }
+
+    /// A picture as footage of one frame.
+    ///
+    /// # Errors
+    /// Those of [`Footage::new`].
+    pub fn still(picture: Rgb8, matte: Option<&Plane>) -> Result<Self> {
+        Self::new(vec![picture], 1.0, false, matte)
+    }
+
+    /// Some of its consecutive frames; they do not loop.
+    ///
+    /// # Panics
+    /// When `range` is empty or goes beyond the last frame.
+    pub fn part(&self, range: Range<usize>) -> Self {
+        assert!(!range.is_empty());
+        Self {
+            frames: self.frames[range].to_vec(),
+            fps: self.fps,
+            inside: self.inside.clone(),
+            ..Self::default()
+        }
+    }
+
+    /// The frames.
+    pub fn frames(&self) -> &[Rgb8] {
+        &self.frames
+    }
+
+    /// Frames per second.
+    pub fn fps(&self) -> f32 {
+        self.fps
+    }
+
+    /// Whether the first frame follows the last.
+    pub fn loops(&self) -> bool {
+        self.loops
+    }
+
+    /// Width in pixels.
+    pub fn width(&self) -> usize {
+        self.frames[0].width
+    }
+
+    /// Height in pixels.
+    pub fn height(&self) -> usize {
+        self.frames[0].height
+    }
+
+    /// Per pixel, whether it counts.
+    pub fn inside(&self) -> &[bool] {
+        &self.inside
+    }
+
+    /// Indices of the pixels that count.
+    pub(super) fn pixels(&self) -> Vec<usize> {
+        (0..self.inside.len()).filter(|&i| self.inside[i]).collect()
+    }
+
+    /// Luma of every frame, in [0, 1].
+    pub(super) fn luma(&self) -> &[Plane] {
+        self.luma.get_or_init(|| par::map(self.frames.len(), |t| self.frames[t].luma()))
+    }
+
+    /// Mean luma of every pixel over time.
+    pub(super) fn mean(&self) -> &Plane {
+        self.mean.get_or_init(|| {
+            let mut mean = Plane::zeros(self.width(), self.height());
+            let luma = self.luma();
+            let share = 1.0 / luma.len() as f32;
+            par::for_each_chunk(&mut mean.data, self.width(), |y, row| {
+                for frame in luma {
+                    row.iter_mut().zip(frame.row(y)).for_each(|(m, l)| *m += share * l);
+                }
+            });
+            mean
+        })
+    }
+
+    /// Motion between consecutive frames, see [`motion::pairs`].
+    pub(super) fn pairs(&self) -> &[Pair] {
+        self.pairs.get_or_init(|| motion::pairs(self))
+    }
+
+    /// Consecutive frames (t, t + 1), the last and the first among them when it loops.
+    pub(super) fn steps(&self) -> Vec<(usize, usize)> {
+        let count = self.frames.len();
+        let closing = (self.loops && count > 1).then_some((count - 1, 0));
+        (1..count).map(|t| (t - 1, t)).chain(closing).collect()
+    }
+}
+
+/// At most `most` of `n` things, evenly spread.
+pub(super) fn spread(n: usize, most: usize) -> Vec<usize> {
+    let count = n.min(most);
+    (0..count).map(|i| i * n / count).collect()
+}
+
+/// Keeps the frames it is given, shrunk to a long side: a [`Sink`] to measure what a method makes.
+#[derive(Debug)]
+pub struct Recorder {
+    long_side: usize,
+    frames: Vec<Rgb8>,
+}
+
+impl Recorder {
+    /// Shrinks frames to a long side of `long_side` pixels; smaller ones stay as they are.
+    pub fn new(long_side: usize) -> Self {
+        Self { long_side, frames: Vec::new() }
+    }
+
+    /// The frames as footage, see [`Footage::new`].
+    ///
+    /// # Errors
+    /// Those of [`Footage::new`].
+    pub fn into_footage(self, fps: f32, loops: bool, matte: Option<&Plane>) -> Result<Footage> {
+        Footage::new(self.frames, fps, loops, matte)
+    }
+}
+
+impl Sink for Recorder {
+    fn push(&mut self, frame: &Rgb8) -> Result<()> {
+        let (width, height) = shrunk((frame.width, frame.height), self.long_side);
+        self.frames.push(resize_rgb8(frame, width, height));
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        Ok(())
+    }
+}
+
+/// `size` shrunk to a long side of at most `long` pixels.
+pub fn shrunk((width, height): (usize, usize), long: usize) -> (usize, usize) {
+    let ratio = (long as f64 / width.max(height).max(1) as f64).min(1.0);
+    let of = |side: usize| ((side as f64 * ratio).round() as usize).max(1);
+    (of(width), of(height))
+}

@@ -1,0 +1,91 @@
+//! How patches of pixels are distributed, in space and in space and time.
+
+use super::footage::Footage;
+use super::sliced::{Points, distance};
+use super::{Better, Measure};
+use crate::base::rng;
+
+/// Side of a patch in pixels, and frames of a space-time patch.
+const SIDE: usize = 7;
+/// Patches taken from each video.
+const SAMPLES: usize = 16384;
+/// Fewest places a patch can lie at for its distribution to be worth a number.
+const MIN_PLACES: usize = 64;
+
+/// Still appearance.
+pub const PATCH_DISTANCE: Measure = Measure {
+    name: "patch distance",
+    unit: "colour, 0 to 1",
+    definition: "sliced Wasserstein distance between 7 × 7 colour patches of the frames and of the picture (or reference)",
+    needs: "picture or reference",
+    better: Better::Lower,
+    compute: |subject| {
+        let (a, b) = (subject.footage, subject.appearance()?);
+        Some(distance(&colours(a, subject.seed)?, &colours(b, subject.seed)?, subject.seed))
+    },
+};
+
+/// The motion itself.
+pub const DYNAMICS_DISTANCE: Measure = Measure {
+    name: "dynamics distance",
+    unit: "luma, 0 to 1",
+    definition: "sliced Wasserstein distance between 7 × 7 × 7 space-time patches, less each pixel's mean over time, of the frames and of the reference",
+    needs: "reference",
+    better: Better::Lower,
+    compute: |subject| {
+        let (a, b) = (subject.footage, subject.reference?);
+        Some(distance(&dynamics(a, subject.seed)?, &dynamics(b, subject.seed)?, subject.seed))
+    },
+};
+
+/// Top left corners of the patches that lie wholly inside; `None` when there are too few.
+fn places(footage: &Footage) -> Option<Vec<usize>> {
+    let (width, height) = (footage.width(), footage.height());
+    let inside = footage.inside();
+    let row = |y: usize, x: usize| inside[y * width + x..][..SIDE].iter().all(|&i| i);
+    let corners = (0..(height + 1).saturating_sub(SIDE))
+        .flat_map(|y| (0..(width + 1).saturating_sub(SIDE)).map(move |x| (y, x)));
+    let places: Vec<usize> =
+        corners.filter(|&(y, x)| (y..y + SIDE).all(|y| row(y, x))).map(|(y, x)| y * width + x).collect();
+    (places.len() >= MIN_PLACES).then_some(places)
+}
+
+/// Random (frame, place) pairs, the same for equal footage.
+fn samples(times: usize, places: &[usize], seed: u64) -> impl Iterator<Item = (usize, usize)> {
+    (0..SAMPLES as u64).map(move |i| {
+        let time = rng::below(rng::hash(seed, &[i, 0]), times as u64) as usize;
+        (time, places[rng::below(rng::hash(seed, &[i, 1]), places.len() as u64) as usize])
+    })
+}
+
+fn colours(footage: &Footage, seed: u64) -> Option<Points> {
+    let places = places(footage)?;
+    let width = footage.width();
+    let mut values = Vec::with_capacity(SAMPLES * 3 * SIDE * SIDE);
+    for (t, place) in samples(footage.frames().len(), &places, seed) {
+        for y in 0..SIDE {
+            let row = &footage.frames()[t].data[3 * (place + y * width)..][..3 * SIDE];
+            values.extend(row.iter().map(|&v| f32::from(v) / 255.0));
+        }
+    }
+    Some(Points { dimensions: 3 * SIDE * SIDE, values })
+}
+
+fn dynamics(footage: &Footage, seed: u64) -> Option<Points> {
+    let places = places(footage)?;
+    let (luma, mean, width) = (footage.luma(), footage.mean(), footage.width());
+    let times = if footage.loops() { luma.len() } else { (luma.len() + 1).saturating_sub(SIDE) };
+    if luma.len() < SIDE {
+        return None;
+    }
+    let mut values = Vec::with_capacity(SAMPLES * SIDE.pow(3));
+    for (time, place) in samples(times, &places, seed) {
+        for t in (time..time + SIDE).map(|t| t % luma.len()) {
+            for at in (0..SIDE).map(|y| place + y * width) {
+                let pixels = luma[t].data[at..][..SIDE].iter().zip(&mean.data[at..][..SIDE]);
+                values.extend(pixels.map(|(l, m)| l - m));
+            }
+        }
+    }
+    Some(Points { dimensions: SIDE.pow(3), values })
+}
