@@ -114,9 +114,7 @@ fn contrasts(footage: &Footage) -> Option<Vec<f64>> {
 fn brightness(footage: &Footage) -> Vec<f64> {
     let pixels = footage.pixels();
     let luma = footage.luma();
-    par::map(luma.len(), |t| {
-        pixels.iter().map(|&p| f64::from(luma[t].data[p])).sum::<f64>() / pixels.len() as f64
-    })
+    par::map(luma.len(), |t| pixels.iter().map(|&p| f64::from(luma[t].data[p])).sum::<f64>() / pixels.len() as f64)
 }
 
 /// Power of a series above [`FLICKER_FROM`]: its variance in that band. A series that does not loop is tapered (Hann),

@@ -65,12 +65,7 @@ impl Footage {
     /// When `range` is empty or goes beyond the last frame.
     pub fn part(&self, range: Range<usize>) -> Self {
         assert!(!range.is_empty());
-        Self {
-            frames: self.frames[range].to_vec(),
-            fps: self.fps,
-            inside: self.inside.clone(),
-            ..Self::default()
-        }
+        Self { frames: self.frames[range].to_vec(), fps: self.fps, inside: self.inside.clone(), ..Self::default() }
     }
 
     /// The frames.

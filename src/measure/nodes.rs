@@ -72,7 +72,8 @@ fn rasterise(nodes: &[Node], (width, height): (usize, usize), value: impl Fn(usi
     let (mut sums, mut weights) = ([plane(), plane()], plane());
     for (node, value) in nodes.iter().enumerate().filter_map(|(i, node)| Some((node, value(i)?))) {
         let tent = |p: usize, low: f32| (1.0 - 2.0 * ((p as f32 + 0.5 - low) / node.side - 0.5).abs()).max(0.0);
-        let range = |low: f32, size: usize| low.max(0.0) as usize..((low + node.side).ceil().max(0.0) as usize).min(size);
+        let range =
+            |low: f32, size: usize| low.max(0.0) as usize..((low + node.side).ceil().max(0.0) as usize).min(size);
         for y in range(node.y, height) {
             for x in range(node.x, width) {
                 let weight = tent(x, node.x) * tent(y, node.y);

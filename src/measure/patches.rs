@@ -43,8 +43,8 @@ fn places(footage: &Footage) -> Option<Vec<usize>> {
     let (width, height) = (footage.width(), footage.height());
     let inside = footage.inside();
     let row = |y: usize, x: usize| inside[y * width + x..][..SIDE].iter().all(|&i| i);
-    let corners = (0..(height + 1).saturating_sub(SIDE))
-        .flat_map(|y| (0..(width + 1).saturating_sub(SIDE)).map(move |x| (y, x)));
+    let corners =
+        (0..(height + 1).saturating_sub(SIDE)).flat_map(|y| (0..(width + 1).saturating_sub(SIDE)).map(move |x| (y, x)));
     let places: Vec<usize> =
         corners.filter(|&(y, x)| (y..y + SIDE).all(|y| row(y, x))).map(|(y, x)| y * width + x).collect();
     (places.len() >= MIN_PLACES).then_some(places)

@@ -29,15 +29,15 @@ pub const TEMPORAL_SPECTRUM_DISTANCE: Measure = Measure {
 /// Per band, the sorted powers of the sampled pixels in decibels; `None` when there are fewer frames than a window.
 fn levels(footage: &Footage, seed: u64) -> Option<Vec<Vec<f32>>> {
     let luma = footage.luma();
-    let windows = if footage.loops() { luma.len().div_ceil(HOP) } else { (luma.len() + HOP).saturating_sub(WINDOW) / HOP };
+    let windows =
+        if footage.loops() { luma.len().div_ceil(HOP) } else { (luma.len() + HOP).saturating_sub(WINDOW) / HOP };
     if luma.len() < WINDOW {
         return None;
     }
     let none = Plane::zeros(footage.width(), footage.height());
     let mut spectrum = MotionSpectrum::new(footage.width(), footage.height());
     for window in 0..windows {
-        let frames: Vec<[&Plane; 2]> =
-            (0..WINDOW).map(|t| [&luma[(window * HOP + t) % luma.len()], &none]).collect();
+        let frames: Vec<[&Plane; 2]> = (0..WINDOW).map(|t| [&luma[(window * HOP + t) % luma.len()], &none]).collect();
         spectrum.add_window(&frames);
     }
     let pixels = footage.pixels();
