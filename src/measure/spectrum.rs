@@ -41,7 +41,7 @@ fn levels(footage: &Footage, seed: u64) -> Option<Vec<Vec<f32>>> {
         spectrum.add_window(&frames);
     }
     let pixels = footage.pixels();
-    let mut levels = vec![Vec::with_capacity(SAMPLES); BANDS];
+    let mut levels = vec![Vec::new(); BANDS];
     for i in 0..SAMPLES as u64 {
         let pixel = pixels[rng::below(rng::hash(seed, &[i]), pixels.len() as u64) as usize];
         let power = spectrum.at(pixel % footage.width(), pixel / footage.width());
