@@ -518,9 +518,10 @@ mod interrupted {
         let folder = studio();
         for name in ["x.mp4", "x.gif", "x.y4m", "x"] {
             let before = tree(folder.path());
-            let mut child = Command::new(assert_cmd::cargo::cargo_bin("enliven"))
+            let child = Command::new(assert_cmd::cargo::cargo_bin("enliven"))
                 .current_dir(folder.path())
                 .args(["animate", "picture.png", "--library", "l.pack", "--frames", "90000", "--quiet", "-o", name])
+                .stderr(Stdio::piped())
                 .spawn()
                 .unwrap();
             let start = Instant::now();
@@ -529,7 +530,9 @@ mod interrupted {
             }
             std::thread::sleep(Duration::from_millis(100));
             interrupt(child.id());
-            assert_eq!(child.wait().unwrap().code(), Some(130), "{name}");
+            let output = child.wait_with_output().unwrap();
+            assert_eq!(output.status.code(), Some(130), "{name}");
+            assert_eq!(stderr(&output), "interrupted: nothing was left half-written\n", "{name}");
             assert_eq!(tree(folder.path()), before, "{name}");
         }
     }

@@ -179,6 +179,24 @@ fn mp4_says_its_times_keyframes_and_colours() {
 }
 
 #[test]
+fn slow_and_large_videos_have_keyframes_where_they_may() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mp4");
+    let keyframes = |fps: f64, frames: &[Rgb8]| -> Vec<usize> {
+        write(&path, frames, fps);
+        let file = fs::read(&path).unwrap();
+        assert_eq!(decode_mp4(&file).len(), frames.len());
+        table(&file, "stss")[8..].chunks(4).map(number).collect()
+    };
+    // One after the other would need numbers of their own.
+    let frames: Vec<Rgb8> = (0..5).map(|t| patches(32, 32, t)).collect();
+    assert_eq!(keyframes(1.0, &frames), [1, 3, 5]);
+    // 64 MiB are seven frames of 2560 × 2304.
+    let frames = vec![patches(2560, 2304, 1); 9];
+    assert_eq!(keyframes(25.0, &frames), [1, 8]);
+}
+
+#[test]
 fn odd_sizes_gain_a_copy_of_the_edge_in_mp4() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mp4");
@@ -194,7 +212,7 @@ fn odd_sizes_gain_a_copy_of_the_edge_in_mp4() {
 #[test]
 fn the_same_frames_give_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
-    let frames: Vec<Rgb8> = (0..12).map(|t| grainy(96, 64, t)).collect();
+    let frames: Vec<Rgb8> = (0..40).map(|t| grainy(96, 64, t)).collect();
     for name in ["a.mp4", "a.gif", "a.y4m"] {
         let path = folder.path().join(name);
         let bytes = [1, 2, 3].map(|threads| {

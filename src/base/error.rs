@@ -67,7 +67,7 @@ impl Error {
 
     /// The run was interrupted by the user.
     pub fn interrupted() -> Self {
-        Self::new(Kind::Interrupted, "run", "interrupted; nothing was left half-written")
+        Self::new(Kind::Interrupted, "interrupted", "nothing was left half-written")
     }
 
     /// Adds what would have been allowed.

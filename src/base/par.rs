@@ -3,12 +3,20 @@
 //! Everything here gives the same result on any number of threads: each output cell has one writer, and ordered
 //! results are handed over in order.
 
+use std::any::Any;
+use std::collections::VecDeque;
+use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::time::Duration;
+
 use rayon::prelude::*;
 
 use super::error::{Error, Kind, Result};
 
 /// Most threads that [`init`] starts.
 pub const MAX_THREADS: usize = 256;
+
+/// Longest wait before looking whether the pool has other work.
+const PATIENCE: Duration = Duration::from_millis(1);
 
 /// Sets the number of worker threads for the whole process; 0 means one per core. Call once, before any work.
 ///
@@ -88,9 +96,113 @@ pub fn ordered_map<T: Send>(
     Ok(())
 }
 
+/// Work that goes on in the background on the pool, its results handed over in the order in which it was started; what is
+/// under way and not yet handed over is bounded in bytes.
+#[derive(Debug)]
+pub struct Tasks<T> {
+    limit: usize,
+    bytes: usize,
+    running: VecDeque<(usize, Receiver<Finished<T>>)>,
+}
+
+/// A result, or what the work panicked with.
+type Finished<T> = Result<T, Box<dyn Any + Send>>;
+
+impl<T: Send + 'static> Tasks<T> {
+    /// Nothing under way, at most `limit` bytes at a time (one piece of work may be larger).
+    pub fn new(limit: usize) -> Self {
+        Self { limit, bytes: 0, running: VecDeque::new() }
+    }
+
+    /// Starts `work`, which holds `bytes` of memory until its result is taken. Ask [`Tasks::has_room`] first.
+    pub fn start(&mut self, bytes: usize, work: impl FnOnce() -> T + Send + 'static) {
+        let (sender, receiver) = channel();
+        rayon::spawn(move || {
+            let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
+            // Nobody waits for the results of a run that was given up.
+            let _ = sender.send(result);
+        });
+        self.bytes += bytes;
+        self.running.push_back((bytes, receiver));
+    }
+
+    /// True when `bytes` more stay within the limit, or nothing is under way.
+    pub fn has_room(&self, bytes: usize) -> bool {
+        self.running.is_empty() || self.bytes.saturating_add(bytes) <= self.limit
+    }
+
+    /// The oldest result if it is there.
+    pub fn ready(&mut self) -> Option<T> {
+        match self.running.front()?.1.try_recv() {
+            Err(TryRecvError::Empty) => None,
+            result => Some(self.hand_over(result.ok())),
+        }
+    }
+
+    /// The oldest result; waits for it, and on a thread of the pool does other work meanwhile. `None` when nothing is
+    /// under way.
+    pub fn wait(&mut self) -> Option<T> {
+        let receiver = &self.running.front()?.1;
+        let result = loop {
+            match receiver.try_recv() {
+                Err(TryRecvError::Empty) if rayon::yield_now() == Some(rayon::Yield::Executed) => {}
+                Err(TryRecvError::Empty) => {
+                    // Another thread is at it. Short waits, for on the pool there may be something to do again soon.
+                    if let Ok(result) = receiver.recv_timeout(PATIENCE) {
+                        break Ok(result);
+                    }
+                }
+                other => break other,
+            }
+        };
+        Some(self.hand_over(result.ok()))
+    }
+
+    fn hand_over(&mut self, result: Option<Finished<T>>) -> T {
+        self.bytes -= self.running.pop_front().map_or(0, |(bytes, _)| bytes);
+        match result {
+            Some(Ok(value)) => value,
+            Some(Err(panic)) => std::panic::resume_unwind(panic),
+            None => panic!("work that was started gives a result"),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tasks_come_back_in_order_within_their_memory() {
+        let run = |threads| {
+            with_threads(threads, || {
+                let mut tasks = Tasks::new(100);
+                let mut out = Vec::new();
+                for i in 0..50usize {
+                    while !tasks.has_room(30) {
+                        out.push(tasks.wait().unwrap());
+                    }
+                    // Work that itself waits for the pool.
+                    tasks.start(30, move || map(i % 7, |k| k + i).into_iter().sum::<usize>());
+                    out.extend(tasks.ready());
+                }
+                out.extend(std::iter::from_fn(|| tasks.wait()));
+                assert!(tasks.has_room(usize::MAX));
+                out
+            })
+            .unwrap()
+        };
+        let expected: Vec<usize> = (0..50).map(|i| (0..i % 7).map(|k| k + i).sum()).collect();
+        assert!([1, 2, 5].into_iter().all(|threads| run(threads) == expected));
+    }
+
+    #[test]
+    fn a_panic_of_a_task_reaches_who_takes_it() {
+        let mut tasks = Tasks::new(1);
+        tasks.start(1, || panic!("on purpose"));
+        let taken = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| tasks.wait()));
+        assert_eq!(taken.unwrap_err().downcast_ref(), Some(&"on purpose"));
+    }
 
     #[test]
     fn ordered_map_keeps_order_and_covers_the_range() {

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
-use crate::base::error::Result;
+use crate::base::error::{Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::par;
 
@@ -120,7 +120,9 @@ pub fn exit(result: Result<()>) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            complain(format_args!("error: {error}"));
+            // Who stopped a run need not be told of an error.
+            let prefix = if error.kind() == Kind::Interrupted { "" } else { "error: " };
+            complain(format_args!("{prefix}{error}"));
             ExitCode::from(error.exit_code())
         }
     }
