@@ -1,6 +1,10 @@
-//! Motion between frames.
+//! Motion between frames, and motion as a person asks for it.
 
 pub mod draw;
 pub mod field;
 pub mod io;
+pub mod orientation;
+pub mod painted_strokes;
+pub mod radial_basis;
+pub mod strokes;
 pub mod tv_l1;

@@ -1,5 +1,6 @@
 //! Images in memory, the filters on them, and single pictures in files.
 
+pub mod components;
 pub mod filter;
 pub mod image;
 pub mod picture_io;
