@@ -270,6 +270,10 @@ fn animate_refuses_bad_values() {
         ("--fps 0", &["output.fps", "1 to 240"]),
         ("--direction 1000", &["motion.direction", "-360 to 360 degrees; 0 = right, 90 = down"]),
         ("--direction nan", &["motion.direction", "-360 to 360"]),
+        ("--speed matte.png", &["motion.max_speed", "give --max-speed"]),
+        ("--speed matte.png --max-speed 0", &["motion.max_speed", "above 0, at most 1000"]),
+        ("--max-speed 3", &["motion.max_speed", "without a speed map"]),
+        ("--max-speed fast", &["--max-speed", "write a number"]),
         ("--direction north", &["--direction", "write a number"]),
         ("--size 100x100", &["output.size", "another shape", "allowed: 100 × 71"]),
         ("--size big", &["--size", "1280x720"]),
@@ -285,6 +289,19 @@ fn animate_refuses_bad_values() {
     for (arguments, parts) in cases {
         let line = format!("enliven animate picture.png --library l.pack -o x.mp4 {arguments}");
         refuse(folder.path(), &line, USAGE, parts);
+    }
+    let files: &[(&str, &[&str])] = &[
+        ("--strokes none.json", &["none.json", "check the name"]),
+        ("--strokes matte.png", &["matte.png", "has no transparency", "a brush that fades in"]),
+        ("--orientation none.png", &["none.png"]),
+    ];
+    for (arguments, parts) in files {
+        refuse(
+            folder.path(),
+            &format!("enliven animate picture.png --library l.pack -o x.mp4 {arguments}"),
+            FAILED,
+            parts,
+        );
     }
 }
 
@@ -401,9 +418,21 @@ fn videos_are_written_with_their_scene_and_summary() {
     let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(printed["output_size"], serde_json::json!([112, 80]));
     assert_eq!(stderr(&output), "");
-    for name in ["contact-sheet.png", "assignment.png", "summary.json"] {
+    for name in ["contact-sheet.png", "assignment.png", "orientation.png", "speed.png", "summary.json"] {
         assert!(folder.path().join("report").join(name).is_file(), "{name}");
     }
+    // What was written is a wish that can be fed back; the scene that ran keeps it.
+    let white = printed["max_speed"].as_f64().unwrap();
+    let back = format!("--orientation report/orientation.png --speed report/speed.png --max-speed {white}");
+    succeed(folder.path(), &format!("{common} {back} -o d.gif --report again"));
+    assert!(folder.path().join("again/asked-orientation.png").is_file());
+    assert!(fs::read_to_string(folder.path().join("d.scene.toml")).unwrap().contains("report/orientation.png"));
+    let refused = format!("enliven animate picture.png --library l.pack {back} -o report/speed.png");
+    refuse(folder.path(), &refused, USAGE, &["report/speed.png: is read for this video"]);
+    // A direction named on the command line lies over the scene's map.
+    succeed(folder.path(), "enliven animate d.scene.toml --direction 90 --frames 4 -o e.gif");
+    let scene = fs::read_to_string(folder.path().join("e.scene.toml")).unwrap();
+    assert!(scene.contains("direction = 90") && !scene.contains("orientation"), "{scene}");
 }
 
 #[test]

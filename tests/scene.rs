@@ -46,8 +46,10 @@ fn paths_are_relative_to_the_scene_and_a_written_scene_repeats_the_run() {
     picture(folder.path(), 100, 60);
     matte(folder.path(), 100, 60, 1.0);
     std::fs::write(folder.path().join("water.pack"), b"").unwrap();
+    let strokes = "{\"strokes\": [{\"points\": [[5, 5], [9, 30]], \"speed\": 2.5}]}";
+    std::fs::write(folder.path().join("s.json"), strokes).unwrap();
     let text = "picture = 'falls.png'\nmatte = 'matte.png'\nlibrary = ['water.pack']\n[motion]\ndirection = -90\n\
-                [output]\nframes = 7\nseed = 3\n[database]\nshutter = 2\nsigma = 0.3\n";
+                strokes = 's.json'\nspeed = 'matte.png'\nmax_speed = 3\n[output]\nframes = 7\nseed = 3\n[database]\nshutter = 2\nsigma = 0.3\n";
     let first = scene(folder.path(), text).unwrap();
     assert_eq!(first.settings().motion.direction, Some(270.0));
     assert_eq!(first.options("database")["sigma"], Value::Number(0.3));
@@ -56,6 +58,7 @@ fn paths_are_relative_to_the_scene_and_a_written_scene_repeats_the_run() {
     std::fs::create_dir(&elsewhere).unwrap();
     let written = first.to_toml(&elsewhere).unwrap();
     assert!(written.contains("../falls.png") && written.contains("seed = 3"), "{written}");
+    assert!(written.contains("strokes = \"../s.json\"") && written.contains("speed = \"../matte.png\""), "{written}");
     let again = scene(&elsewhere, &written).unwrap();
     assert_eq!(again.frame_map(), first.frame_map());
     assert_eq!(again.still(&Silent).unwrap(), first.still(&Silent).unwrap());
@@ -82,6 +85,23 @@ fn bad_files_are_refused_by_name() {
     refuse("picture = 'falls.png'\n[output]\nframes = 'many'", "scene.toml");
     refuse("picture = 'falls.png'\n[motion]\ndirection = inf", "motion.direction");
     refuse("picture = 'falls.png'\n[output]\nsize = [100, 20]", "100 × 60");
+    let motion = |text: &str, words: &str| refuse(&format!("picture = 'falls.png'\n[motion]\n{text}"), words);
+    motion("stroke = 's.json'", "did you mean \"strokes\"?");
+    motion("strokes = 'none.json'", "none.json");
+    std::fs::write(folder.path().join("s.json"), "{\"strokes\": [{\"points\": [[5, 5]]}]}").unwrap();
+    motion("strokes = 's.json'", "s.json: stroke 1 has 1 point(s)");
+    matte(folder.path(), 90, 60, 1.0);
+    motion("strokes = 'matte.png'", "the strokes are 90 × 60 pixels, the picture 100 × 60");
+    motion("orientation = 'matte.png'", "the orientation map is 90 × 60 pixels, the picture 100 × 60");
+    motion("speed = 'matte.png'\nmax_speed = 3", "the speed map is 90 × 60 pixels, the picture 100 × 60");
+    matte(folder.path(), 100, 60, 1.0);
+    motion("strokes = 'matte.png'", "has no transparency");
+    motion("speed = 'matte.png'", "motion.max_speed: ");
+    motion("speed = 'matte.png'", "give --max-speed");
+    motion("max_speed = 3", "without a speed map");
+    for speed in ["0", "-1", "nan", "inf", "2000"] {
+        motion(&format!("speed = 'matte.png'\nmax_speed = {speed}"), "above 0, at most 1000 pixels per frame");
+    }
     picture(folder.path(), 1, 1);
     refuse("picture = 'falls.png'", "at least 48 pixels");
     std::fs::write(folder.path().join("falls.png"), "not a picture").unwrap();

@@ -14,6 +14,7 @@ use enliven::library::reader::Pack;
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::picture_io::{write_grey_png, write_png};
 use enliven::scene::scene::{Scene, open};
+use enliven::synth::record::NodeRecord;
 use enliven::synth::{Outcome, REGISTRY, run};
 use enliven::video::clip::Sink;
 
@@ -226,4 +227,54 @@ fn two_libraries_and_a_direction_serve_too() {
     let outcome = run(&Scene::new(file).unwrap(), &mut sink, &Silent).unwrap();
     assert_eq!(sink.0.len(), 6);
     assert!(outcome.record.assignment.is_some());
+}
+
+/// The stage's picture with strokes down the fluid, `speed` picture pixels a frame fast.
+fn with_strokes(stage: &Stage, speed: f32) -> String {
+    let text = format!("{{\"strokes\": [{{\"points\": [[100, 10], [100, 100]], \"speed\": {speed}}}]}}");
+    std::fs::write(stage.path("s.json"), text).unwrap();
+    "[motion]\nstrokes = 's.json'\n[output]\nframes = 8\n".to_owned()
+}
+
+#[test]
+fn footage_is_played_as_fast_as_is_asked() {
+    let stage = Stage::new();
+    let (plain, _) = stage.run("[output]\nframes = 8\n", &Silent).unwrap();
+    let mut activities = Vec::new();
+    for (speed, wanted) in [(0.7, 0.5), (1.4, 1.0), (2.8, 2.0)] {
+        let (frames, outcome) = stage.run(&with_strokes(&stage, speed), &Silent).unwrap();
+        assert!(frames.len() == 8 && frames != plain);
+        let assignment = outcome.record.assignment.unwrap();
+        for node in &assignment.nodes {
+            assert_eq!(node.asked.map(|(_, v)| v > 0.999), Some(true));
+            assert!((node.asked_speed.unwrap() - speed).abs() < 1e-3);
+        }
+        let mean =
+            |of: fn(&NodeRecord) -> f32| assignment.nodes.iter().map(of).sum::<f32>() / assignment.nodes.len() as f32;
+        let rate = mean(|n| n.rate);
+        assert!((rate / wanted - 1.0).abs() < 0.4, "asked {speed}: rate {rate}");
+        activities.push(mean(|n| n.activity));
+        let rates = assignment.clips.iter().map(|c| f64::from(c.rate) * c.nodes as f64).sum::<f64>();
+        assert!((rates / assignment.nodes.len() as f64 - f64::from(rate)).abs() < 1e-4);
+    }
+    assert!(activities[1] > 1.5 * activities[0] && activities[2] > 1.5 * activities[1], "{activities:?}");
+}
+
+#[test]
+fn a_run_repeats_from_the_maps_of_what_was_asked() {
+    let stage = Stage::new();
+    let (_, first) = stage.run(&with_strokes(&stage, 3.0), &Silent).unwrap();
+    let picture = |name: &str| &first.pictures.iter().find(|p| p.0 == name).unwrap().1;
+    write_png(&stage.path("o.png"), picture("asked-orientation")).unwrap();
+    write_png(&stage.path("v.png"), picture("asked-speed")).unwrap();
+    let white = first.record.max_speed.unwrap();
+    let maps = format!("[motion]\norientation = 'o.png'\nspeed = 'v.png'\nmax_speed = {white}\n[output]\nframes = 8\n");
+    let (_, second) = stage.run(&maps, &Silent).unwrap();
+    let nodes = |outcome: Outcome| outcome.record.assignment.unwrap().nodes;
+    for (a, b) in nodes(first).iter().zip(nodes(second)) {
+        let ((u, v), (x, y)) = (a.asked.unwrap(), b.asked.unwrap());
+        assert!((u * x + v * y).min(1.0).acos().to_degrees() < 1.0);
+        assert!((a.asked_speed.unwrap() - b.asked_speed.unwrap()).abs() < white / 255.0);
+        assert_eq!((&a.piece, a.rate), (&b.piece, b.rate));
+    }
 }

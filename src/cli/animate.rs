@@ -9,7 +9,7 @@ use crate::cli::common::say;
 use crate::raster::image::Rgb8;
 use crate::raster::picture_io::write_png;
 use crate::report::contact_sheet::{contact_sheet, spread};
-use crate::scene::file::{SceneFile, set};
+use crate::scene::file::{Motion, SceneFile, set};
 use crate::scene::scene::{self, Scene};
 use crate::synth;
 use crate::synth::record::RunRecord;
@@ -41,6 +41,18 @@ pub struct Animate {
     /// Main direction of the flow in degrees: 0 right, 90 down, -90 up
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = parse_number)]
     pub direction: Option<f32>,
+    /// Strokes along the flow: JSON, or a PNG with coloured strokes on transparency, each from faint to strong
+    #[arg(long, value_name = "JSON|PNG")]
+    pub strokes: Option<PathBuf>,
+    /// Directions painted as hues, a picture of the same size (--report writes one to start from)
+    #[arg(long, value_name = "PNG")]
+    pub orientation: Option<PathBuf>,
+    /// Grey picture of the same size: black still, white as fast as --max-speed (--report writes one to start from)
+    #[arg(long, value_name = "PNG")]
+    pub speed: Option<PathBuf>,
+    /// Speed at white of the speed map, pixels of the picture per frame
+    #[arg(long, value_name = "PX", allow_negative_numbers = true, value_parser = parse_number)]
+    pub max_speed: Option<f32>,
     /// What is behind the fluid, a picture of the same size; checked and recorded, not shown yet
     #[arg(long, value_name = "PICTURE")]
     pub background: Option<PathBuf>,
@@ -101,7 +113,13 @@ impl Animate {
         file.matte = over.matte.or(file.matte);
         file.background = over.background.or(file.background);
         file.method = over.method.or(file.method);
-        file.motion.direction = over.direction.or(file.motion.direction);
+        if over.direction.is_some() || over.strokes.is_some() || over.orientation.is_some() {
+            // Whoever names a direction here does not want the scene's other ways of saying one.
+            let Animate { direction, strokes, orientation, .. } = over;
+            file.motion = Motion { direction, strokes, orientation, ..file.motion };
+        }
+        file.motion.speed = over.speed.or(file.motion.speed);
+        file.motion.max_speed = over.max_speed.or(file.motion.max_speed);
         file.output.size = over.size.or(file.output.size);
         if !over.library.is_empty() {
             file.library = over.library;
@@ -200,6 +218,10 @@ pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: 
             write_png(&folder.join(name).with_extension("png"), picture)?;
         }
         atomic_file::write(&folder.join("summary.json"), to_json(&outcome.record)?.as_bytes())?;
+        if let Some(speed) = outcome.record.max_speed {
+            let path = folder.join("speed.png");
+            observer.note(&format!("{}: white is {speed} pixels of the picture per frame", path.display()));
+        }
     }
     Ok(outcome.record)
 }
@@ -207,8 +229,10 @@ pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: 
 /// Refuses to write over what the scene is made from.
 fn refuse_input(output: &Path, file: &SceneFile) -> Result<()> {
     let Ok(output) = output.canonicalize() else { return Ok(()) };
-    let SceneFile { picture, matte, background, reference, library, .. } = file;
-    let mut inputs = [matte, background, reference].into_iter().flatten().chain(library).chain([picture]);
+    let SceneFile { picture, matte, background, reference, library, motion, .. } = file;
+    let Motion { strokes, orientation, speed, .. } = motion;
+    let optional = [matte, background, reference, strokes, orientation, speed];
+    let mut inputs = optional.into_iter().flatten().chain(library).chain([picture]);
     match inputs.find(|path| path.canonicalize().is_ok_and(|path| path == output)) {
         Some(path) => Err(Error::file(Kind::Usage, path, "is read for this video and would be written over")
             .remedy("give another name with -o")),

@@ -30,8 +30,7 @@ pub fn read(path: &Path, size: (usize, usize)) -> Result<Vec<Stroke>> {
     let picture = read_picture(path)?;
     let found = (picture.rgb.width, picture.rgb.height);
     if found != size {
-        let problem =
-            format!("the strokes are {} × {} pixels, the picture {} × {}", found.0, found.1, size.0, size.1);
+        let problem = format!("the strokes are {} × {} pixels, the picture {} × {}", found.0, found.1, size.0, size.1);
         return Err(Error::file(Kind::Unusable, path, problem).remedy("paint on a layer of the picture's size"));
     }
     trace(&picture, path)

@@ -93,8 +93,7 @@ fn stroke(value: &Value, number: usize, path: &Path, size: (usize, usize)) -> Re
         Some((x.as_f64()? as f32, y.as_f64()? as f32))
     };
     let points: Option<Vec<(f32, f32)>> = points.iter().map(point).collect();
-    let points =
-        points.ok_or_else(|| bad("has a point that is not two numbers".into()).allowed("[[x, y], [x, y]]"))?;
+    let points = points.ok_or_else(|| bad("has a point that is not two numbers".into()).allowed("[[x, y], [x, y]]"))?;
     let speed = match stroke.get("speed") {
         None | Some(Value::Null) => None,
         Some(value) => Some(value.as_f64().filter(|s| *s > 0.0 && *s <= f64::from(MAX_SPEED)).ok_or_else(|| {
@@ -217,8 +216,7 @@ fn fill(out: &mut StrokeField, parts: &Components, part: u32, samples: &[Sample]
         return;
     }
     let (width, height) = (parts.width, out.speed.height);
-    let rows: Vec<usize> =
-        (0..height).filter(|y| parts.labels[y * width..(y + 1) * width].contains(&part)).collect();
+    let rows: Vec<usize> = (0..height).filter(|y| parts.labels[y * width..(y + 1) * width].contains(&part)).collect();
     let centres: Vec<(f32, f32)> = samples.iter().map(|s| s.at).collect();
     let tangents: Vec<[f32; 2]> = samples.iter().map(|s| [s.tangent.0, s.tangent.1]).collect();
     let direction = RadialBasis::fit(&centres, &tangents, RIDGE);

@@ -12,7 +12,7 @@ use crate::base::options::{Table, Value, refuse_unknown, unknown};
 pub const KEYS: [&str; 10] =
     ["picture", "matte", "background", "library", "use", "without", "method", "reference", "motion", "output"];
 /// Keys of `[motion]`.
-pub const MOTION_KEYS: [&str; 1] = ["direction"];
+pub const MOTION_KEYS: [&str; 5] = ["direction", "strokes", "orientation", "speed", "max_speed"];
 /// Keys of `[output]`.
 pub const OUTPUT_KEYS: [&str; 5] = ["frames", "fps", "size", "working_size", "seed"];
 
@@ -51,13 +51,25 @@ pub struct SceneFile {
     pub options: BTreeMap<String, Table>,
 }
 
-/// Asked motion.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+/// Asked motion; [`super::asked::Asked::read`] says what holds where several keys speak.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Motion {
     /// Main direction of the flow in degrees: 0 = right, 90 = down.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub direction: Option<f32>,
+    /// Strokes along the flow, JSON or a painting ([`crate::flow::strokes::read`]).
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub strokes: Option<PathBuf>,
+    /// Directions painted as hues ([`crate::flow::orientation`]), of the picture's size.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub orientation: Option<PathBuf>,
+    /// Grey speed map of the picture's size, black = still, white = `max_speed`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub speed: Option<PathBuf>,
+    /// Speed at white, pixels of the picture per output frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_speed: Option<f32>,
 }
 
 /// What to write.

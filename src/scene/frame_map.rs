@@ -66,6 +66,11 @@ impl FrameMap {
         WorkingPoint(x, y)
     }
 
+    /// Pixels of the working image per pixel of the picture, for lengths and speeds.
+    pub fn working_scale(&self) -> f32 {
+        ((self.working.0 * self.working.1) as f32 / (self.picture.0 * self.picture.1) as f32).sqrt()
+    }
+
     /// From the picture to the output.
     pub fn to_output(&self, p: PicturePoint) -> OutputPoint {
         let (x, y) = between(self.picture, self.output, p.0, p.1);

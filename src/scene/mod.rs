@@ -1,5 +1,6 @@
 //! What is to be animated: a picture, its matte, and what a person asked for.
 
+pub mod asked;
 pub mod file;
 pub mod frame_map;
 pub mod leave_one_out;

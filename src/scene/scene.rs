@@ -2,11 +2,13 @@
 
 use std::path::{Path, PathBuf};
 
-use super::file::{self, SceneFile};
+use super::asked::Asked;
+use super::file::{self, Motion, SceneFile};
 use super::frame_map::FrameMap;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::options::Table;
+use crate::flow::strokes::MAX_SPEED;
 use crate::raster::image::{Color, Plane, Rgb8};
 use crate::raster::picture_io::{picture_size, read_grey, read_picture};
 use crate::raster::resample::{resize, resize_rgb8};
@@ -38,8 +40,9 @@ pub fn open(path: &Path) -> Result<SceneFile> {
 
 fn for_each_path(scene: &mut SceneFile, mut f: impl FnMut(&mut PathBuf)) {
     f(&mut scene.picture);
-    let SceneFile { matte, background, reference, library, .. } = scene;
-    [matte, background, reference].into_iter().flatten().chain(library).for_each(f);
+    let SceneFile { matte, background, reference, library, motion, .. } = scene;
+    let Motion { strokes, orientation, speed, .. } = motion;
+    [matte, background, reference, strokes, orientation, speed].into_iter().flatten().chain(library).for_each(f);
 }
 
 /// A checked scene.
@@ -64,6 +67,8 @@ pub struct Still {
     pub working_matte: Plane,
     /// What is behind the fluid, at output size.
     pub background: Option<Rgb8>,
+    /// The motion that is asked for.
+    pub asked: Option<Asked>,
 }
 
 impl Scene {
@@ -81,11 +86,16 @@ impl Scene {
             return Err(Error::new(Kind::Usage, "picture", "no picture given").remedy("name a picture or a scene file"));
         }
         let size = picture_size(&file.picture)?;
-        for (path, what) in [(&file.matte, "matte"), (&file.background, "background")] {
+        for (path, what) in [
+            (&file.matte, "matte"),
+            (&file.background, "background"),
+            (&file.motion.orientation, "orientation map"),
+            (&file.motion.speed, "speed map"),
+        ] {
             path.as_deref().map_or(Ok(()), |path| same_size(path, what, size))?;
         }
         file.library.iter().try_for_each(|path| library_exists(path))?;
-        file.reference.iter().try_for_each(|path| exists(path))?;
+        file.reference.iter().chain(&file.motion.strokes).try_for_each(|path| exists(path))?;
         let map =
             FrameMap::new(size, file.output.size, file.output.working_size).map_err(|error| match error.kind() {
                 Kind::Unusable => error.about(file.picture.display()),
@@ -141,12 +151,14 @@ impl Scene {
             }
         };
         let working = shrink(&picture, map.working);
+        let working_matte = resize_matte(&matte, map.working);
         let background = self.file.background.as_deref().map(read_picture).transpose()?;
         Ok(Still {
+            asked: Asked::read(&self.file.motion, &map, &working_matte, observer)?,
             picture: resize_rgb8(&picture, map.output.0, map.output.1),
             matte: resize_matte(&matte, map.output),
             working,
-            working_matte: resize_matte(&matte, map.working),
+            working_matte,
             background: background.map(|b| resize_rgb8(&b.rgb, map.output.0, map.output.1)),
             map,
         })
@@ -170,9 +182,30 @@ fn check_numbers(file: &SceneFile) -> Result<()> {
     if let Some([w, h]) = out.size.filter(|s| s.iter().any(|v| !(16..=8192).contains(v))) {
         return bad("output.size", format!("{w} × {h}"), "16 to 8192 each way");
     }
-    match file.motion.direction {
-        Some(d) if !(-360.0..=360.0).contains(&d) => {
-            bad("motion.direction", d.to_string(), "-360 to 360 degrees; 0 = right, 90 = down")
+    check_motion(&file.motion)
+}
+
+fn check_motion(motion: &Motion) -> Result<()> {
+    let bad = |key: &str, problem: String, allowed: &str| {
+        Err(Error::new(Kind::Usage, format!("motion.{key}"), problem).allowed(allowed))
+    };
+    match (motion.direction, &motion.speed, motion.max_speed) {
+        (Some(d), ..) if !(-360.0..=360.0).contains(&d) => {
+            bad("direction", format!("{d} is out of range"), "-360 to 360 degrees; 0 = right, 90 = down")
+        }
+        (.., Some(max)) if !(max > 0.0 && max <= MAX_SPEED) => bad(
+            "max_speed",
+            format!("{max} is out of range"),
+            &format!("above 0, at most {MAX_SPEED} pixels per frame"),
+        ),
+        (_, Some(path), None) => {
+            let problem = format!("{} needs the speed that its white stands for", path.display());
+            bad("max_speed", problem, "pixels of the picture per output frame, such as 6")
+                .map_err(|e| e.remedy("give --max-speed"))
+        }
+        (_, None, Some(_)) => {
+            let missing = "is given without a speed map to go with it".to_owned();
+            bad("max_speed", missing, "a grey picture of the picture's size as motion.speed or --speed")
         }
         _ => Ok(()),
     }

@@ -4,7 +4,10 @@ use std::collections::BTreeSet;
 
 use super::assignment_picture::{assignment_picture, colour};
 use super::footage::{Clip, Stream, bands_of, frame_bytes};
+use super::gate;
+use super::maps::{Maps, maps};
 use super::pick::{self, Choice, LabelOptions, Labels};
+use super::rates::{self, RATES};
 use super::record::{AssignmentRecord, ClipShare, NodeRecord, RunRecord, Timed};
 use super::{MethodEntry, Outcome, Sources, Synthesizer};
 use crate::assign::candidates;
@@ -25,6 +28,7 @@ use crate::render::composite::Compositor;
 use crate::render::contrast::{Strength, Variance, match_contrast};
 use crate::render::layout::{Layout, LevelKey, PlacedCell, Placement};
 use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, make_room, recover};
+use crate::scene::asked::Wish;
 use crate::scene::scene::{Scene, Still};
 use crate::video::clip::Sink;
 
@@ -48,6 +52,10 @@ declare_options! {
         texture: f32 = 0.1, in 0, 10, "ratio", "methods §1.6";
         /// Weight of the share of a piece that stands still where the picture's fluid should move.
         still: f32 = 0.2, in 0, 10, "ratio", "methods §1.1";
+        /// Weight of half the angle's versine between a piece's motion and the asked direction, as part of the data term.
+        direction: f32 = 0.4, in 0, 10, "ratio", "Okabe 2011, §5";
+        /// Weight of every octave by which a piece is too slow or too fast for the asked speed, beyond what playback mends.
+        speed: f32 = 0.1, in 0, 10, "ratio", "methods §1.6";
         /// Most sweeps over the nodes when labels are chosen.
         sweeps: usize = 50, in 0, 10000, "sweeps", "Besag 1986";
         /// Exposure of the recovered average image: a streak is this many frames of motion long.
@@ -87,10 +95,21 @@ struct Placed {
     layout: Layout,
     /// Per placement: the piece.
     choices: Vec<Choice>,
-    /// Every clip that is used, as (library, clip).
-    clips: Vec<(usize, u32)>,
+    /// What is asked of each.
+    wishes: Vec<Wish>,
+    /// Every clip that is used, at every rate it is used at.
+    clips: Vec<Footage>,
     /// Per source of the layout: its clip, as a number within `clips`, and its phase.
     sources: Vec<(usize, usize)>,
+}
+
+/// A clip at a rate of playback.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+struct Footage {
+    pack: usize,
+    clip: u32,
+    /// Number of the rate in [`RATES`].
+    rate: usize,
 }
 
 /// Everything about the frames that does not change with time.
@@ -105,15 +124,18 @@ impl Synthesizer for Database {
         check_sources(sources)?;
         let still = stage(observer, "read picture", 0, || scene.still(observer))?;
         let grid = NodeGrid::over(&still.working_matte, 0.02)?;
-        let candidates = pick::candidates(&grid, &still, sources, scene, &self.search(), observer)?;
-        let labels = pick::labels(&grid, &still, &candidates, sources, &self.labelling(), observer)?;
-        let placed = self.place(&grid, &labels.choices, &still, sources, scene)?;
+        let wishes = gate::wishes(&grid, &still);
+        let candidates = pick::candidates(&grid, &still, &wishes, sources, scene, &self.search(), observer)?;
+        let labels = pick::labels(&grid, &still, &wishes, &candidates, sources, &self.labelling(scene), observer)?;
+        let placed = self.place(&grid, &labels.choices, wishes, &still, sources, scene)?;
         let clips = study(&placed, scene, sources, observer)?;
         // A library cut short by somebody else while it is mapped must not be read any further.
         sources.packs.iter().try_for_each(|(_, pack)| pack.check_length())?;
         let rendering = stage(observer, "prepare", 0, || self.prepare(&placed, &clips, &still))?;
         frames(&placed, &clips, &rendering, scene, sink, observer)?;
-        outcome(&placed, &clips, &rendering, &labels, &still, sources, scene)
+        let mut outcome = outcome(&placed, &clips, &rendering, &labels, &still, sources, scene)?;
+        outcome.record.assignment.iter_mut().for_each(|a| a.widened = candidates.widened);
+        Ok(outcome)
     }
 }
 
@@ -122,16 +144,18 @@ impl Database {
         candidates::Options { count: self.options.candidates, per_place: self.options.per_place }
     }
 
-    fn labelling(&self) -> LabelOptions {
-        let Options { sigma, rho, lambda, texture, still, sweeps, .. } = self.options;
-        LabelOptions { weights: Weights { sigma, rho }, lambda, texture, still, sweeps }
+    fn labelling(&self, scene: &Scene) -> LabelOptions {
+        let Options { sigma, rho, lambda, texture, still, direction, speed, sweeps, .. } = self.options;
+        let fps = scene.settings().output.fps;
+        LabelOptions { weights: Weights { sigma, rho }, lambda, texture, still, direction, speed, fps, sweeps }
     }
 
-    /// Puts the chosen pieces onto their nodes.
+    /// Puts the chosen pieces onto their nodes, played as fast as is asked.
     fn place(
         &self,
         grid: &NodeGrid,
         choices: &[Choice],
+        wishes: Vec<Wish>,
         still: &Still,
         sources: &Sources,
         scene: &Scene,
@@ -157,8 +181,11 @@ impl Database {
             sources: clips.iter().map(size).collect(),
             placements: (0..choices.len()).map(place).collect(),
         };
+        let pace = |i: usize| sources.packs[choices[i].pack].1.parameters().rate as f32 / scene.settings().output.fps;
+        let rates = rates::choose(&layout, &wishes, |i| pace(i) * layout.placements[i].motion().1);
+        let clips = play_at(&mut layout, &rates, &clips);
         let phases = spread_phases(&mut layout, self.options.phases, scene.settings().output.seed);
-        Ok(Placed { layout, choices: choices.to_vec(), clips, sources: phases })
+        Ok(Placed { layout, choices: choices.to_vec(), wishes, clips, sources: phases })
     }
 
     /// Weights, gains, recovered image: what all frames share.
@@ -200,19 +227,36 @@ fn placed_cells(tile: &Tile) -> Vec<PlacedCell> {
     tile.cells.iter().map(cell).collect()
 }
 
+/// Plays every placement at its rate: its motion grows with it, and the layout's sources become clips at rates.
+fn play_at(layout: &mut Layout, rates: &[usize], clips: &[(usize, u32)]) -> Vec<Footage> {
+    for (placement, &rate) in layout.placements.iter_mut().zip(rates) {
+        for cell in &mut placement.cells {
+            cell.mean = (RATES[rate] * cell.mean.0, RATES[rate] * cell.mean.1);
+            cell.activity *= RATES[rate];
+        }
+    }
+    let sources = split_sources(layout, rates.to_vec());
+    sources.iter().map(|&(source, rate)| Footage { pack: clips[source].0, clip: clips[source].1, rate }).collect()
+}
+
+/// Splits the sources of a layout by a property of the placements; the new sources, in order, as (old source, property).
+fn split_sources(layout: &mut Layout, property: Vec<usize>) -> Vec<(usize, usize)> {
+    let keys: Vec<_> = layout.placements.iter().map(|p| p.source).zip(property).collect();
+    let sources: Vec<_> = BTreeSet::from_iter(keys.iter().copied()).into_iter().collect();
+    layout.sources = sources.iter().map(|&(source, _)| layout.sources[source]).collect();
+    for (placement, key) in layout.placements.iter_mut().zip(&keys) {
+        placement.source = sources.partition_point(|s| s < key);
+    }
+    sources
+}
+
 /// Gives every stretch of continuous footage one of `phases` phases of its clip's loop, so that two copies of a place
 /// do not move in unison; the layout's sources become clips at phases, which are returned as (clip, phase).
 fn spread_phases(layout: &mut Layout, phases: usize, seed: u64) -> Vec<(usize, usize)> {
     let groups = layout.groups();
     let phase = |group: usize| rng::below(rng::hash(seed, &[group as u64]), phases as u64) as usize;
-    let key = |i: usize, p: &Placement| (p.source, phase(groups[i]));
-    let keys: Vec<_> = layout.placements.iter().enumerate().map(|(i, p)| key(i, p)).collect();
-    let sources: Vec<_> = BTreeSet::from_iter(keys.iter().copied()).into_iter().collect();
-    layout.sources = sources.iter().map(|&(clip, _)| layout.sources[clip]).collect();
-    for (placement, key) in layout.placements.iter_mut().zip(&keys) {
-        placement.source = sources.partition_point(|s| s < key);
-    }
-    sources
+    let chosen = groups.iter().map(|&group| phase(group)).collect();
+    split_sources(layout, chosen)
 }
 
 /// Finds the loop of every clip that is used, and how strong its differences are.
@@ -221,10 +265,10 @@ fn study(placed: &Placed, scene: &Scene, sources: &Sources, observer: &Timed) ->
     let levels = placed.layout.levels();
     stage(observer, "loops", placed.clips.len() as u64, || {
         par::try_map(placed.clips.len(), |i| {
-            let (pack, clip) = placed.clips[i];
+            let Footage { pack, clip, rate } = placed.clips[i];
             let pack = &sources.packs[pack].1;
-            // As many library frames as the output lasts, so that water falls as fast at any frame rate.
-            let seconds = output.frames as f32 / output.fps;
+            // As many library frames as the output lasts at this rate, so that water falls as fast at any frame rate.
+            let seconds = RATES[rate] * output.frames as f32 / output.fps;
             let frames = ((seconds * pack.parameters().rate as f32).round() as usize).max(2);
             let used = levels.iter().filter(|l| placed.sources[l.source].0 == i).map(|l| l.scale);
             let scales = BTreeSet::from_iter(used).into_iter().collect();
@@ -282,19 +326,16 @@ fn outcome(
 ) -> Result<Outcome> {
     let clip_of: Vec<usize> = placed.layout.placements.iter().map(|p| placed.sources[p.source].0).collect();
     let assignment = assignment(placed, clips, &clip_of, labels, sources, scene.settings().output.fps)?;
-    let record = RunRecord { assignment: Some(assignment), ..RunRecord::default() };
     let picture = assignment_picture(&still.working.luma(), &still.working_matte, &placed.layout, &clip_of);
     let motion = &rendering.motion;
     let full = |plane: &Plane| resize(plane, still.map.working.0, still.map.working.1);
     let field = Field { u: full(&motion.mean.u), v: full(&motion.mean.v) };
-    let speed = field.magnitude();
-    let fastest = speed.data.iter().copied().fold(1e-6, f32::max);
-    let grey = speed.data.iter().flat_map(|v| [(v / fastest * 255.0) as u8; 3]).collect();
-    let speed = Rgb8 { width: speed.width, height: speed.height, data: grey };
-    Ok(Outcome {
-        record,
-        pictures: vec![("assignment", picture), ("motion", draw::colour(&field, 0.0)), ("speed", speed)],
-    })
+    // The rate of the library is a constant of the program that built it; several libraries have the same.
+    let pace = sources.packs[0].1.parameters().rate as f32 / scene.settings().output.fps;
+    let Maps { mut pictures, max_speed } = maps(motion, pace, still.asked.as_ref(), &still.map);
+    pictures.extend([("assignment", picture), ("motion", draw::colour(&field, 0.0))]);
+    let record = RunRecord { assignment: Some(assignment), max_speed: Some(max_speed), ..RunRecord::default() };
+    Ok(Outcome { record, pictures })
 }
 
 fn assignment(
@@ -305,7 +346,7 @@ fn assignment(
     sources: &Sources,
     fps: f32,
 ) -> Result<AssignmentRecord> {
-    let share = |(i, &(library, clip)): (usize, &(usize, u32))| {
+    let share = |(i, &Footage { pack: library, clip, rate }): (usize, &Footage)| {
         let meta = &sources.packs[library].1.clips()[clip as usize];
         let nodes = clip_of.iter().filter(|&&c| c == i).count();
         let segment = clips[i].plan.segments().into_iter().max().unwrap_or(0);
@@ -316,19 +357,28 @@ fn assignment(
             colour: colour(i),
             nodes,
             share: nodes as f64 / clip_of.len() as f64,
+            rate: RATES[rate],
             loop_frames: (clips[i].plan.start(), clips[i].plan.start() + segment),
         }
     };
     let mut shares: Vec<ClipShare> = placed.clips.iter().enumerate().map(share).collect();
     shares.sort_by(|a, b| b.nodes.cmp(&a.nodes).then_with(|| a.clip.cmp(&b.clip)));
-    let node = |(placement, choice): (&Placement, &Choice)| {
-        let (x, y) = placement.node;
+    let node = |i: usize| {
+        let (placement, choice, wish) = (&placed.layout.placements[i], &placed.choices[i], &placed.wishes[i]);
         let pack = &sources.packs[choice.pack].1;
-        let rate = pack.parameters().rate as f32 / fps;
+        let pace = pack.parameters().rate as f32 / fps;
         let (mean, activity) = placement.motion();
-        let piece = pack.piece_ref(choice.piece)?;
-        let motion = (rate * mean.0, rate * mean.1);
-        Ok(NodeRecord { x, y, library: choice.pack, piece, motion, activity: rate * activity })
+        Ok(NodeRecord {
+            x: placement.node.0,
+            y: placement.node.1,
+            library: choice.pack,
+            piece: pack.piece_ref(choice.piece)?,
+            motion: (pace * mean.0, pace * mean.1),
+            activity: pace * activity,
+            rate: RATES[placed.clips[clip_of[i]].rate],
+            asked: wish.direction,
+            asked_speed: wish.speed,
+        })
     };
     Ok(AssignmentRecord {
         energy: labels.energy,
@@ -336,7 +386,8 @@ fn assignment(
         data_energy: labels.data_energy,
         bound: labels.bound,
         history: labels.history.clone(),
+        widened: 0,
         clips: shares,
-        nodes: placed.layout.placements.iter().zip(&placed.choices).map(node).collect::<Result<_>>()?,
+        nodes: (0..placed.choices.len()).map(node).collect::<Result<_>>()?,
     })
 }

@@ -3,7 +3,10 @@
 pub mod assignment_picture;
 pub mod database;
 pub mod footage;
+pub mod gate;
+pub mod maps;
 pub mod pick;
+pub mod rates;
 pub mod record;
 
 use std::path::PathBuf;
@@ -42,7 +45,7 @@ impl Sources {
 pub struct Outcome {
     /// Everything that is known of the run, for `summary.json`.
     pub record: RunRecord,
-    /// Pictures that explain it, by name without extension ("assignment", "speed", "orientation").
+    /// Pictures that explain it, by name without extension ("assignment", "speed", "orientation", "asked-speed"…).
     pub pictures: Vec<(&'static str, Rgb8)>,
 }
 

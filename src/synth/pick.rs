@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::Sources;
+use super::gate::{MotionGate, PieceMotion};
 use crate::assign::candidates::{self, Candidates, Gate, Pieces};
 use crate::assign::energy::Problem;
 use crate::assign::icm::icm;
@@ -22,6 +23,7 @@ use crate::library::piece::{ClipId, PieceIx};
 use crate::library::reader::{Pack, Piece};
 use crate::library::tile::Tile;
 use crate::library::variant::{CELL, PIECE, PIECE_CELLS, Variant};
+use crate::scene::asked::Wish;
 use crate::scene::file::SceneFile;
 use crate::scene::scene::{Scene, Still};
 
@@ -46,6 +48,8 @@ pub struct Choices {
     pub choices: Vec<Choice>,
     /// Their data terms (Okabe et al. 2011, §5.1), 0 = alike.
     pub data: Vec<f32>,
+    /// Nodes for which too few pieces move as asked, so that others were let in.
+    pub widened: usize,
 }
 
 /// One piece per node.
@@ -65,13 +69,15 @@ pub struct Labels {
     pub history: Vec<f64>,
 }
 
-/// Finds the candidates of all nodes in all libraries: the pieces whose average image looks most like the node.
+/// Finds the candidates of all nodes in all libraries: the pieces whose average image looks most like the node, of those
+/// that move as `wishes`, one per node, asks.
 ///
 /// # Errors
 /// Libraries without pieces, or without pieces of the tags asked for; damaged packs; a cancel.
 pub fn candidates(
     grid: &NodeGrid,
     still: &Still,
+    wishes: &[Wish],
     sources: &Sources,
     scene: &Scene,
     options: &candidates::Options,
@@ -86,7 +92,8 @@ pub fn candidates(
         let word = |n: &Node| words.piece(n.x as usize, n.y as usize);
         let nodes: Option<Vec<[u8; PIECE_WORDS]>> = grid.nodes.iter().map(word).collect();
         let nodes = nodes.ok_or_else(|| Error::file(Kind::Data, path, "its grid of words does not fit the nodes"))?;
-        let gate = scene.settings().motion.direction.map(|d| DirectionGate::new(pack, &usable, d)).transpose()?;
+        let gate =
+            still.asked.as_ref().map(|_| gate(pack, &usable, wishes, scene.settings().output.fps)).transpose()?;
         let gate = gate.as_ref().map(|g| g as &dyn Gate);
         let candidates = candidates::search(&nodes, usable.pieces(pack)?, *options, gate, observer)?;
         found.push((number, usable, candidates));
@@ -94,14 +101,22 @@ pub fn candidates(
     if found.is_empty() {
         return Err(nothing_usable(sources, scene.settings()));
     }
-    let widened = found.iter().flat_map(|f| &f.2.widened).filter(|&&w| w > 0).count();
+    let widened = |n: usize| found.iter().any(|f| f.2.widened[n] > 0);
+    let widened = (0..grid.nodes.len()).filter(|&n| widened(n)).count();
     if widened > 0 {
         observer.note(&format!(
-            "{widened} of {} places: too few pieces move in the asked direction; other directions were let in",
-            grid.nodes.len() * found.len()
+            "{widened} of {} places: too few pieces move as asked; others, the nearest to it first, were let in",
+            grid.nodes.len()
         ));
     }
-    Ok(merge(&found, grid.nodes.len(), options.count))
+    Ok(Choices { widened, ..merge(&found, grid.nodes.len(), options.count) })
+}
+
+/// The gate for what is asked of the nodes, shut for the usable pieces of a pack that move otherwise.
+fn gate<'a>(pack: &Pack, usable: &Usable, wishes: &'a [Wish], fps: f32) -> Result<MotionGate<'a>> {
+    let pace = pack.parameters().rate as f32 / fps;
+    let motion = |i: usize| Ok(PieceMotion::of(&pack.tile(usable.piece(PieceIx(i as u32)))?, pace));
+    Ok(MotionGate { wishes, pieces: par::try_map(usable.places.len(), motion)? })
 }
 
 /// The best `count` of all libraries' candidates, per node.
@@ -211,48 +226,6 @@ fn nothing_usable(sources: &Sources, SceneFile { tags, without, .. }: &SceneFile
     Error::new(Kind::Unusable, "library", "holds no pieces").remedy("add clips to it with enliven-db")
 }
 
-/// Admits pieces whose average motion points the asked way: within 30°, and 30° more with every step of widening.
-struct DirectionGate {
-    /// Per usable piece: how many steps of widening admit it.
-    steps: Vec<u8>,
-}
-
-/// Degrees of the gate, and of each widening.
-const GATE_DEGREES: f32 = 30.0;
-/// Widenings until every direction is admitted.
-const GATE_STEPS: u32 = 6;
-/// Share of a piece's motion that must have one direction for it to have any.
-const COHERENT: f32 = 0.25;
-
-impl DirectionGate {
-    fn new(pack: &Pack, usable: &Usable, degrees: f32) -> Result<Self> {
-        let (sin, cos) = degrees.to_radians().sin_cos();
-        let count = usable.places.len();
-        let step = |i: usize| {
-            let tile = pack.tile(usable.piece(PieceIx(i as u32)))?;
-            let (u, v) = tile.mean_motion();
-            let norm = (u * u + v * v).sqrt();
-            let activity = tile.cells.iter().map(|c| c.activity.to_f32()).sum::<f32>() / tile.cells.len() as f32;
-            if norm < COHERENT * activity || norm == 0.0 {
-                return Ok(GATE_STEPS as u8);
-            }
-            let angle = ((u * cos + v * sin) / norm).clamp(-1.0, 1.0).acos().to_degrees();
-            Ok(((angle / GATE_DEGREES) as u32).min(GATE_STEPS) as u8)
-        };
-        Ok(Self { steps: par::try_map(count, step)? })
-    }
-}
-
-impl Gate for DirectionGate {
-    fn admits(&self, _node: usize, piece: PieceIx, widening: u32) -> bool {
-        u32::from(self.steps[piece.0 as usize]) <= widening
-    }
-
-    fn steps(&self) -> u32 {
-        GATE_STEPS
-    }
-}
-
 /// How labels are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LabelOptions {
@@ -264,6 +237,12 @@ pub struct LabelOptions {
     pub texture: f32,
     /// Weight of the share of the node's fluid where the piece stands still, as part of the data term.
     pub still: f32,
+    /// Weight of the angle between a piece's motion and the asked direction, as part of the data term.
+    pub direction: f32,
+    /// Weight of every octave that a piece's speed is too far from the asked one, as part of the data term.
+    pub speed: f32,
+    /// Frames per second of the output.
+    pub fps: f32,
     /// Sweeps over the nodes at most.
     pub sweeps: usize,
 }
@@ -275,6 +254,7 @@ pub struct LabelOptions {
 pub fn labels(
     grid: &NodeGrid,
     still: &Still,
+    wishes: &[Wish],
     choices: &Choices,
     sources: &Sources,
     options: &LabelOptions,
@@ -288,6 +268,15 @@ pub fn labels(
     let mut data = data.clone();
     add_texture_term(grid, still, offsets, &mut data, &tile, options.texture)?;
     add_still_term(grid, still, offsets, &mut data, &tile, options.still)?;
+    add_terms(offsets, &mut data, |n| {
+        let wish = wishes[n];
+        let asked = wish != Wish::default();
+        Ok(move |entry: usize| {
+            let pace = pack(&choices.choices[entry]).parameters().rate as f32 / options.fps;
+            let misfit = |tile: Tile| PieceMotion::of(&tile, pace).misfit(&wish, options.direction, options.speed);
+            if asked { tile(entry).map(misfit) } else { Ok(0.0) }
+        })
+    })?;
     let pairs = pair_costs(grid, offsets, &origins, tile, &normalizers, options.weights, observer)?;
     let problem = Problem { offsets, data: &data, pairs: &pairs, lambda: options.lambda };
     let solution = stage(observer, "labels", 0, || Ok(icm(&problem, options.sweeps)))?;

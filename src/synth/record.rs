@@ -32,6 +32,9 @@ pub struct RunRecord {
     pub seconds: f64,
     /// Which piece went where, where the method assigns pieces.
     pub assignment: Option<AssignmentRecord>,
+    /// Speed at white of the speed map in the report, pixels of the picture per output frame: `max_speed` to feed it back.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_speed: Option<f32>,
 }
 
 /// A stage and its time.
@@ -56,6 +59,9 @@ pub struct AssignmentRecord {
     pub bound: f64,
     /// Energy after each sweep.
     pub history: Vec<f64>,
+    /// Nodes for which too few pieces moved as asked, so that others were let in.
+    #[serde(default)]
+    pub widened: usize,
     /// Every clip that is used, the most used first.
     pub clips: Vec<ClipShare>,
     /// Every node, row by row.
@@ -77,6 +83,9 @@ pub struct ClipShare {
     pub nodes: usize,
     /// Share of all nodes, 0 to 1.
     pub share: f64,
+    /// Rate it is played at; a clip used at several rates has an entry for each.
+    #[serde(default = "plain_rate")]
+    pub rate: f32,
     /// Frames of the clip where its loop begins and ends.
     pub loop_frames: (usize, usize),
 }
@@ -96,6 +105,19 @@ pub struct NodeRecord {
     pub motion: (f32, f32),
     /// Mean length of its motion, in the same unit.
     pub activity: f32,
+    /// Rate it is played at: seconds of the library per second of output, 1 where no speed is asked.
+    #[serde(default = "plain_rate")]
+    pub rate: f32,
+    /// Direction that was asked for here, a unit vector (u right, v down).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub asked: Option<(f32, f32)>,
+    /// Speed that was asked for here, pixels of the working image per output frame.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub asked_speed: Option<f32>,
+}
+
+fn plain_rate() -> f32 {
+    1.0
 }
 
 impl RunRecord {
