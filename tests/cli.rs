@@ -252,7 +252,7 @@ fn animate_refuses_bad_places() {
     );
     output("--library l.pack -o text.png/x.mp4", FAILED, &["text.png is a file, not a folder"]);
     output("--library l.pack -o x.mp4 --report text.png", FAILED, &["text.png: cannot make the folder", "in the way"]);
-    output("--library l.pack -o x.mkv", USAGE, &["x.mkv: cannot write .mkv", ".mp4, .gif, .y4m, a folder"]);
+    output("--library l.pack -o x.mkv", USAGE, &["x.mkv: cannot write .mkv", ".mp4, .gif, .webp, .apng"]);
     output("--library l.pack -o picture.png", USAGE, &["picture.png: "]);
     output("--library l.pack -o l.pack", USAGE, &["l.pack: is read for this video", "another name"]);
     output("--library l.pack -o - --json", USAGE, &["--json: standard output carries the video", "leave out --json"]);
@@ -392,6 +392,8 @@ fn videos_are_written_with_their_scene_and_summary() {
         ("a.mp4", "a", &b"ftyp"[..], 4),
         ("take.2.gif", "take.2", b"GIF89a", 0),
         ("b.y4m", "b", b"YUV4MPEG2", 0),
+        ("c.webp", "c", b"WEBPVP8X", 8),
+        ("d.apng", "d", b"\x89PNG", 0),
         ("frames", "frames", b"", 0),
         ("frames.2/", "frames.2", b"", 0),
     ];
@@ -414,7 +416,7 @@ fn videos_are_written_with_their_scene_and_summary() {
         let scene = fs::read_to_string(folder.path().join(format!("{stem}.scene.toml"))).unwrap();
         assert!(scene.contains("picture = \"picture.png\""), "{scene}");
     }
-    let output = succeed(folder.path(), &format!("{common} -o c.mp4 --report report --json --quiet"));
+    let output = succeed(folder.path(), &format!("{common} -o e.mp4 --report report --json --quiet"));
     let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(printed["output_size"], serde_json::json!([112, 80]));
     assert_eq!(stderr(&output), "");
@@ -545,7 +547,7 @@ mod interrupted {
     #[test]
     fn a_video_stopped_by_ctrl_c_leaves_nothing() {
         let folder = studio();
-        for name in ["x.mp4", "x.gif", "x.y4m", "x"] {
+        for name in ["x.mp4", "x.gif", "x.webp", "x.apng", "x.y4m", "x"] {
             let before = tree(folder.path());
             let child = Command::new(assert_cmd::cargo::cargo_bin("enliven"))
                 .current_dir(folder.path())

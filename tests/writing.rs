@@ -9,9 +9,11 @@ use enliven::base::rng;
 use enliven::raster::image::Rgb8;
 use enliven::raster::picture_io::read_picture;
 use enliven::video::clip::{ClipInfo, Matrix, Pixels, Range, RawFrame, Turn};
+use enliven::video::scale::to_rgb8;
 use enliven::video::sink::{self, FrameRate, SinkOptions};
 use enliven::video::source;
 use enliven::video::yuv;
+use image::AnimationDecoder;
 use proptest::prelude::*;
 
 /// Flat colours, the corners of the cube and some between.
@@ -148,6 +150,46 @@ fn mp4_holds_the_frames_near_losslessly() {
     assert_eq!(names(folder.path()), ["a.mp4"]);
 }
 
+/// Pixels of a flat patch.
+const PATCH: usize = 48;
+
+/// Flat patches of the colours whose channels are 0, 128 or 255, and of greys, eight in a row.
+fn saturated() -> (Rgb8, Vec<[u8; 3]>) {
+    let level = |i: usize, place: u32| [0, 128, 255][i / 3usize.pow(place) % 3];
+    let corners = (0..27).map(|i| [0, 1, 2].map(|place| level(i, place)));
+    let greys = (0..37).map(|i| [(i * 7) as u8; 3]);
+    let colours: Vec<[u8; 3]> = corners.chain(greys).collect();
+    let side = 8 * PATCH;
+    let mut frame = Rgb8::black(side, side);
+    for (i, pixel) in frame.data.chunks_exact_mut(3).enumerate() {
+        pixel.copy_from_slice(&colours[i / side / PATCH * 8 + i % side / PATCH]);
+    }
+    (frame, colours)
+}
+
+#[test]
+fn flat_colours_come_back_from_mp4_within_two_of_255() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mp4");
+    let (frame, colours) = saturated();
+    write(&path, &vec![frame; 6], 25.0);
+    let mut source = source::open(&path).unwrap();
+    let mut count = 0;
+    while let Some(raw) = source.next_frame().unwrap() {
+        let shown = to_rgb8(&raw);
+        for (i, colour) in colours.iter().enumerate() {
+            // Blocks that touch another colour are not flat.
+            for (x, y) in (16..PATCH - 16).flat_map(|x| (16..PATCH - 16).map(move |y| (x, y))) {
+                let out = shown.pixel(i % 8 * PATCH + x, i / 8 * PATCH + y);
+                let off = out.iter().zip(colour).map(|(a, b)| a.abs_diff(*b)).max();
+                assert!(off <= Some(2), "frame {count}: {colour:?} came back as {out:?}");
+            }
+        }
+        count += 1;
+    }
+    assert_eq!(count, 6);
+}
+
 #[test]
 fn mp4_says_its_times_keyframes_and_colours() {
     let folder = tempfile::tempdir().unwrap();
@@ -213,7 +255,7 @@ fn odd_sizes_gain_a_copy_of_the_edge_in_mp4() {
 fn the_same_frames_give_the_same_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let frames: Vec<Rgb8> = (0..40).map(|t| grainy(96, 64, t)).collect();
-    for name in ["a.mp4", "a.gif", "a.y4m"] {
+    for name in ["a.mp4", "a.gif", "a.webp", "a.apng", "a.y4m"] {
         let path = folder.path().join(name);
         let bytes = [1, 2, 3].map(|threads| {
             par::with_threads(threads, || write(&path, &frames, 25.0)).unwrap();
@@ -286,6 +328,148 @@ fn gif_does_not_flicker_where_nothing_moves() {
     assert!(psnr(&decoded[3].data, &frames[3].data) > 28.0);
 }
 
+type Shown = (Vec<Vec<u8>>, Vec<u64>);
+
+/// Frames of an animated WebP or PNG as the `image` crate composes them (colours and opacity), with their times in
+/// microseconds.
+fn decode_animation(path: &Path) -> Shown {
+    let input = std::io::BufReader::new(fs::File::open(path).unwrap());
+    let frames = if path.extension().unwrap() == "webp" {
+        let decoder = image::codecs::webp::WebPDecoder::new(input).unwrap();
+        assert!(matches!(decoder.loop_count(), image::metadata::LoopCount::Infinite));
+        decoder.into_frames()
+    } else {
+        let decoder = image::codecs::png::PngDecoder::new(input).unwrap().apng().unwrap();
+        assert!(matches!(decoder.loop_count(), image::metadata::LoopCount::Infinite));
+        decoder.into_frames()
+    };
+    let frame = |frame: image::ImageResult<image::Frame>| {
+        let frame = frame.unwrap();
+        let (numerator, denominator) = frame.delay().numer_denom_ms();
+        (frame.into_buffer().into_raw(), u64::from(numerator) * 1000 / u64::from(denominator))
+    };
+    frames.map(frame).unzip()
+}
+
+fn with_opacity(frame: &Rgb8, alpha: impl Fn(usize) -> u8) -> Vec<u8> {
+    let pixel = |(i, p): (usize, &[u8])| [p[0], p[1], p[2], alpha(i)];
+    frame.data.chunks_exact(3).enumerate().flat_map(pixel).collect()
+}
+
+#[test]
+fn webp_and_apng_are_exact_and_keep_their_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let still = grainy(67, 45, 0);
+    // Noise in a corner, patches that change, and frames that do not.
+    let frame = |t: usize| {
+        let (mut frame, noise) = (still.clone(), grainy(67, 45, t / 2));
+        for y in 20..45 {
+            frame.data[(y * 67 + 30) * 3..(y * 67 + 67) * 3]
+                .copy_from_slice(&noise.data[(y * 67 + 30) * 3..(y * 67 + 67) * 3]);
+        }
+        frame
+    };
+    for name in ["a.webp", "a.apng", "b.png"] {
+        let path = folder.path().join(name);
+        for fps in [24.0, 25.0, 29.97, 30.0, 7.3, 60.0, 89.123] {
+            let frames: Vec<Rgb8> = (0..24).map(frame).collect();
+            write(&path, &frames, fps);
+            let (decoded, times) = decode_animation(&path);
+            assert_eq!(decoded.len(), 24);
+            for (t, (out, frame)) in decoded.iter().zip(&frames).enumerate() {
+                // Readers of WebP may round what is laid over.
+                let off = out.iter().zip(with_opacity(frame, |_| 255)).map(|(a, b)| a.abs_diff(b)).max();
+                assert!(off <= Some(u8::from(name == "a.webp")), "{name} {t} {off:?}");
+            }
+            let total: u64 = times.iter().sum();
+            assert!((total as f64 / 1e6 - 24.0 / fps).abs() < 0.0006, "{name} {fps}: {total}");
+            assert!(times.iter().all(|&d| (d as f64 / 1e6 - 1.0 / fps).abs() < 0.001), "{name} {fps}: {times:?}");
+        }
+        // Faster than browsers show: frames are left out, the speed is kept.
+        write(&path, &(0..120).map(|t| patches(32, 24, t)).collect::<Vec<_>>(), 120.0);
+        let (_, times) = decode_animation(&path);
+        assert!(
+            times.iter().all(|&d| d > 10_000) && times.iter().sum::<u64>().abs_diff(1_000_000) < 12_000,
+            "{times:?}"
+        );
+    }
+    assert_eq!(names(folder.path()), ["a.apng", "a.webp", "b.png"]);
+}
+
+/// A disc that grows and wanders, with a soft edge.
+fn disc(width: usize, height: usize, t: usize) -> Vec<u8> {
+    let alpha = |i: usize| {
+        let (x, y) = ((i % width) as f32 - 10.0 - 2.0 * t as f32, (i / width) as f32 - 20.0);
+        (40.0 * (9.0 + t as f32 - x.hypot(y))).clamp(0.0, 255.0) as u8
+    };
+    (0..width * height).map(alpha).collect()
+}
+
+fn write_with_alpha(path: &Path, frames: &[(Rgb8, Vec<u8>)]) {
+    let options = SinkOptions { alpha: true, ..options(frames[0].0.width, frames[0].0.height, 25.0) };
+    let mut sink = sink::create(path, options).unwrap();
+    frames.iter().for_each(|(frame, alpha)| sink.push_with_alpha(frame, alpha).unwrap());
+    sink.finish().unwrap();
+}
+
+#[test]
+fn opacity_is_kept_where_the_format_holds_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let frames: Vec<(Rgb8, Vec<u8>)> = (0..9).map(|t| (grainy(61, 40, t / 2), disc(61, 40, t))).collect();
+    // What cannot be seen has no colour.
+    let expected = |(frame, alpha): &(Rgb8, Vec<u8>)| {
+        let mut pixels = with_opacity(frame, |i| alpha[i]);
+        pixels.chunks_exact_mut(4).filter(|p| p[3] == 0).for_each(|p| p.fill(0));
+        pixels
+    };
+    for name in ["a.webp", "a.apng"] {
+        write_with_alpha(&folder.path().join(name), &frames);
+        let (decoded, _) = decode_animation(&folder.path().join(name));
+        assert_eq!(decoded.len(), 9);
+        decoded.iter().zip(&frames).for_each(|(out, frame)| assert!(*out == expected(frame), "{name}"));
+    }
+    write_with_alpha(&folder.path().join("frames"), &frames);
+    for (t, (frame, alpha)) in frames.iter().enumerate() {
+        let read = read_picture(&folder.path().join(format!("frames/{t:05}.png"))).unwrap();
+        assert_eq!((&read.rgb, read.alpha.as_ref()), (frame, Some(alpha)));
+    }
+    // In GIF a pixel is seen from one half on, and nothing of an earlier frame stays.
+    let path = folder.path().join("a.gif");
+    write_with_alpha(&path, &frames);
+    let decoder = image::codecs::gif::GifDecoder::new(std::io::BufReader::new(fs::File::open(&path).unwrap())).unwrap();
+    let decoded = decoder.into_frames().collect_frames().unwrap();
+    assert_eq!(decoded.len(), 9);
+    for (out, (frame, alpha)) in decoded.iter().zip(&frames) {
+        let pixels = out.buffer().as_raw().chunks_exact(4).zip(frame.data.chunks_exact(3)).zip(alpha);
+        for ((out, sent), &alpha) in pixels {
+            assert_eq!(out[3] == 255, alpha >= 128);
+            assert!(alpha < 128 || out.iter().zip(sent).all(|(a, b)| a.abs_diff(*b) < 60));
+        }
+    }
+}
+
+#[test]
+fn opacity_is_refused_where_it_is_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let with = SinkOptions { alpha: true, ..options(32, 32, 25.0) };
+    for name in ["a.mp4", "a.y4m", "-"] {
+        let error = sink::create(&folder.path().join(name), with).err().filter(|_| name != "-");
+        let error = error.unwrap_or_else(|| sink::create(Path::new("-"), with).err().unwrap());
+        assert_eq!(error.kind(), Kind::Usage);
+        assert!(error.to_string().contains("holds no opacity") && error.to_string().contains(".webp"), "{error}");
+    }
+    assert!(names(folder.path()).is_empty());
+    for name in ["a.gif", "a.webp", "a.apng", "frames", "a.mp4", "a.y4m"] {
+        let mut sink = sink::create(&folder.path().join(name), options(32, 32, 25.0)).unwrap();
+        assert!(sink.push_with_alpha(&patches(32, 32, 0), &[255; 32 * 32]).is_err(), "{name}");
+    }
+    for name in ["a.gif", "a.webp", "a.apng", "frames"] {
+        let mut sink = sink::create(&folder.path().join(name), with).unwrap();
+        let error = sink.push_with_alpha(&patches(32, 32, 0), &[255; 9]).unwrap_err();
+        assert!(error.to_string().contains("opacity of 9 pixels"), "{error}");
+    }
+}
+
 #[test]
 fn png_folders_are_exact_and_replaced_whole() {
     let folder = tempfile::tempdir().unwrap();
@@ -319,7 +503,7 @@ fn y4m_has_a_header_and_whole_frames() {
 #[test]
 fn a_dropped_sink_leaves_nothing_and_the_old_file_stays() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["a.mp4", "a.gif", "a.y4m", "frames"] {
+    for name in ["a.mp4", "a.gif", "a.webp", "a.apng", "a.y4m", "frames"] {
         let path = folder.path().join(name);
         let mut sink = sink::create(&path, options(32, 32, 25.0)).unwrap();
         (0..3).for_each(|t| sink.push(&patches(32, 32, t)).unwrap());
@@ -342,7 +526,7 @@ fn places_that_cannot_be_written_are_told_before_any_work() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("file"), "").unwrap();
     for parent in ["missing", "file"] {
-        for name in ["a.mp4", "a.gif", "a.y4m", "frames"] {
+        for name in ["a.mp4", "a.gif", "a.webp", "a.apng", "a.y4m", "frames"] {
             let path: PathBuf = folder.path().join(parent).join(name);
             let error = sink::check_writable(&path).unwrap_err();
             assert_eq!(error.kind(), Kind::Io, "{error}");
@@ -364,7 +548,7 @@ fn places_that_cannot_be_written_are_told_before_any_work() {
 #[test]
 fn frames_of_another_size_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    for name in ["a.mp4", "a.gif", "a.y4m", "frames"] {
+    for name in ["a.mp4", "a.gif", "a.webp", "a.apng", "a.y4m", "frames"] {
         let mut sink = sink::create(&folder.path().join(name), options(32, 32, 25.0)).unwrap();
         let error = sink.push(&patches(32, 16, 0)).unwrap_err();
         assert!(error.to_string().contains("32 × 16"), "{error}");
@@ -379,6 +563,14 @@ proptest! {
         let folder = tempfile::tempdir().unwrap();
         let frames: Vec<Rgb8> = (0..count).map(|t| grainy(width, height, t + seed)).collect();
         let (mp4, gif) = (folder.path().join("a.mp4"), folder.path().join("a.gif"));
+        for name in ["a.webp", "a.apng"] {
+            let path = folder.path().join(name);
+            write(&path, &frames, 30.0);
+            let opaque: Vec<Vec<u8>> = frames.iter().map(|f| with_opacity(f, |_| 255)).collect();
+            let decoded = decode_animation(&path).0;
+            prop_assert_eq!(decoded.len(), count);
+            prop_assert!(decoded.concat().iter().zip(opaque.concat()).all(|(a, b)| a.abs_diff(b) <= 1));
+        }
         write(&mp4, &frames, 30.0);
         write(&gif, &frames, 30.0);
         prop_assert_eq!(decode_mp4(&fs::read(&mp4).unwrap()).len(), count);
@@ -412,7 +604,7 @@ fn our_own_reader_reads_what_we_write() {
             assert!(planes.iter().zip(&sent).all(|(a, b)| psnr(a, b) > 40.0), "{name} {t}");
         }
     }
-    for name in ["a.gif", "frames"] {
+    for name in ["a.gif", "a.webp", "a.apng", "frames"] {
         let path = folder.path().join(name);
         write(&path, &frames, 25.0);
         assert_eq!(read_back(&path).0.len(), 30, "{name}");

@@ -77,7 +77,8 @@ pub struct Animate {
     /// An option of a method; may be given more than once
     #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
     pub set: Vec<String>,
-    /// Video (.mp4, .gif, .y4m) or a name without extension for a folder of PNG frames; - is y4m on standard output
+    /// Video (.mp4, .webp, .apng, .gif, .y4m) or a name without extension for a folder of PNG frames; - is y4m on
+    /// standard output
     #[arg(short, long)]
     pub output: PathBuf,
     /// Folder for a contact sheet, the picture of which clip went where, and the summary of the run

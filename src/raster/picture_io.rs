@@ -102,6 +102,19 @@ pub fn encode_png(picture: &Rgb8, compression: png::Compression) -> Result<Vec<u
     encode((picture.width, picture.height), png::ColorType::Rgb, &picture.data, compression)
 }
 
+/// An 8-bit PNG with opacity in memory, tagged sRGB: `size` is width and height, `data` packed red, green, blue and
+/// opacity, colours not multiplied by it.
+///
+/// # Errors
+/// A picture without pixels, or with fewer than its size says.
+pub fn encode_rgba_png(
+    size: (usize, usize),
+    data: &[u8],
+    compression: png::Compression,
+) -> Result<Vec<u8>, png::EncodingError> {
+    encode(size, png::ColorType::Rgba, data, compression)
+}
+
 fn encode(
     (width, height): (usize, usize),
     color: png::ColorType,

@@ -3,20 +3,27 @@
 //! The palette needs all frames, so they wait, compressed, in a temporary file beside the output; memory is bounded.
 //! GIF counts time in 1/100 s: frame times are rounded, not delays, so that a second stays a second. Browsers slow down
 //! frames shorter than 2/100 s: above 50 frames per second some are left out.
+//!
+//! A pixel is seen or not: with opacity, those of half and more are. What is not seen shows nothing of earlier frames, so
+//! each frame is then stored whole.
 
 use std::borrow::Cow;
 use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use super::clip::Sink;
 use super::palette::{Histogram, Palette};
-use super::sink::{SinkOptions, check_frame};
+use super::patch::changed;
+use super::sink::{SinkOptions, check_alpha, check_frame};
 use crate::base::atomic_file::AtomicFile;
 use crate::base::error::{Error, Kind, Result};
 use crate::raster::image::Rgb8;
 
-/// Palette index that means "as before".
+/// Palette index that means "as before", or "nothing here".
 const UNCHANGED: u8 = 255;
+/// Least opacity of a pixel that is seen.
+const SEEN: u8 = 128;
 /// Shortest delay that browsers honour, in 1/100 s.
 const SHORTEST: u64 = 2;
 
@@ -25,6 +32,7 @@ pub struct GifWriter {
     out: AtomicFile,
     waiting: zstd::Encoder<'static, AtomicFile>,
     histogram: Histogram,
+    /// The last frame: colours, then, where there is opacity, whether each pixel is seen.
     last: Vec<u8>,
     options: SinkOptions,
     frames: usize,
@@ -39,7 +47,7 @@ impl GifWriter {
         let out = AtomicFile::create(path)?;
         let waiting = AtomicFile::create(&path.with_extension("frames"))?;
         let waiting = zstd::Encoder::new(waiting, 1).map_err(|e| Error::io(path, "write", e))?;
-        let last = vec![0; options.width * options.height * 3];
+        let last = vec![0; options.width * options.height * if options.alpha { 4 } else { 3 }];
         Ok(Self { out, waiting, histogram: Histogram::new(), last, options, frames: 0 })
     }
 
@@ -49,17 +57,35 @@ impl GifWriter {
         let (n, d) = (u64::from(rate.numerator()), u64::from(rate.denominator()));
         (i as u64 * 100 * d + n / 2) / n
     }
+
+    /// Puts a frame with the others that wait for the palette.
+    fn keep(&mut self, frame: Vec<u8>) -> Result<()> {
+        let change: Vec<u8> = frame.iter().zip(&self.last).map(|(a, b)| a.wrapping_sub(*b)).collect();
+        self.waiting.write_all(&change).map_err(|e| Error::io(self.out.path(), "write", e))?;
+        self.last = frame;
+        self.frames += 1;
+        Ok(())
+    }
 }
 
 impl Sink for GifWriter {
     fn push(&mut self, frame: &Rgb8) -> Result<()> {
         check_frame(self.out.path(), frame, self.options)?;
-        let change: Vec<u8> = frame.data.iter().zip(&self.last).map(|(a, b)| a.wrapping_sub(*b)).collect();
-        self.waiting.write_all(&change).map_err(|e| Error::io(self.out.path(), "write", e))?;
         self.histogram.add(&frame.data);
-        self.last.copy_from_slice(&frame.data);
-        self.frames += 1;
-        Ok(())
+        let seen = vec![1; self.last.len() - frame.data.len()];
+        self.keep([&frame.data[..], &seen].concat())
+    }
+
+    fn push_with_alpha(&mut self, frame: &Rgb8, alpha: &[u8]) -> Result<()> {
+        check_frame(self.out.path(), frame, self.options)?;
+        check_alpha(self.out.path(), frame, alpha, self.options)?;
+        let seen: Vec<u8> = alpha.iter().map(|&a| u8::from(a >= SEEN)).collect();
+        let mut colours = frame.data.clone();
+        colours.chunks_exact_mut(3).zip(&seen).filter(|(_, seen)| **seen == 0).for_each(|(p, _)| p.fill(0));
+        let of_seen = |(p, _): (&[u8], &u8)| [p[0], p[1], p[2]];
+        let shown = colours.chunks_exact(3).zip(&seen).filter(|(_, seen)| **seen == 1);
+        self.histogram.add(&shown.flat_map(of_seen).collect::<Vec<u8>>());
+        self.keep([colours, seen].concat())
     }
 
     fn finish(mut self: Box<Self>) -> Result<()> {
@@ -76,7 +102,7 @@ impl Sink for GifWriter {
         let mut frames = zstd::Decoder::new(BufReader::new(waiting)).map_err(refused)?;
         let (width, height) = (self.options.width, self.options.height);
         let mut gif = Encoder::new(BufWriter::new(self.out), &palette.rgb, (width, height), self.options.loops)?;
-        let mut change = vec![0; width * height * 3];
+        let mut change = vec![0; self.last.len()];
         self.last.fill(0);
         let mut next = kept.iter().peekable();
         for i in 0..self.frames {
@@ -84,7 +110,8 @@ impl Sink for GifWriter {
             self.last.iter_mut().zip(&change).for_each(|(v, c)| *v = v.wrapping_add(*c));
             if next.next_if_eq(&&i).is_some() {
                 let end = next.peek().map_or(times[self.frames], |&&following| times[following]);
-                gif.write(palette.dither(&self.last, width), (end - times[i]).max(SHORTEST))?;
+                let (colours, seen) = self.last.split_at(width * height * 3);
+                gif.write(palette.dither(colours, width), seen, (end - times[i]).max(SHORTEST))?;
             }
         }
         gif.finish()?.commit()
@@ -121,11 +148,17 @@ impl Encoder {
         Ok(encoder)
     }
 
-    fn write(&mut self, indices: Vec<u8>, delay: u64) -> Result<()> {
+    /// Writes a frame; where there is opacity, `seen` has a 1 for every pixel that is seen, else it is empty.
+    fn write(&mut self, mut indices: Vec<u8>, seen: &[u8], delay: u64) -> Result<()> {
+        indices.iter_mut().zip(seen).filter(|(_, seen)| **seen == 0).for_each(|(index, _)| *index = UNCHANGED);
+        if seen.is_empty() { self.write_change(indices, delay) } else { self.write_whole(&indices, delay) }
+    }
+
+    fn write_change(&mut self, indices: Vec<u8>, delay: u64) -> Result<()> {
         let width = self.width;
         let whole = (0..width, 0..indices.len() / width);
         let first = self.shown.is_empty();
-        let (columns, rows) = if first { whole } else { changed(&self.shown, &indices, width) };
+        let (columns, rows) = if first { whole } else { changed(&self.shown, &indices, width, 1) };
         let mut buffer = Vec::with_capacity(columns.len() * rows.len());
         for y in rows.clone() {
             let row = y * width + columns.start..y * width + columns.end;
@@ -136,18 +169,34 @@ impl Encoder {
                 buffer.extend(pairs.map(|(&new, &old)| if new == old { UNCHANGED } else { new }));
             }
         }
+        self.shown = indices;
         let frame = gif::Frame {
-            delay: delay.min(u64::from(u16::MAX)) as u16,
             dispose: gif::DisposalMethod::Keep,
             transparent: (!first).then_some(UNCHANGED),
-            left: columns.start as u16,
-            top: rows.start as u16,
-            width: columns.len() as u16,
-            height: rows.len() as u16,
             buffer: Cow::Owned(buffer),
             ..gif::Frame::default()
         };
-        self.shown = indices;
+        self.write_frame((columns, rows), delay, frame)
+    }
+
+    /// Writes a frame that shows nothing of those before and leaves nothing to those after.
+    fn write_whole(&mut self, indices: &[u8], delay: u64) -> Result<()> {
+        let (columns, rows) = changed(&vec![UNCHANGED; indices.len()], indices, self.width, 1);
+        let row = |y: usize| &indices[y * self.width + columns.start..y * self.width + columns.end];
+        let frame = gif::Frame {
+            dispose: gif::DisposalMethod::Background,
+            transparent: Some(UNCHANGED),
+            buffer: Cow::Owned(rows.clone().flat_map(row).copied().collect()),
+            ..gif::Frame::default()
+        };
+        self.write_frame((columns, rows), delay, frame)
+    }
+
+    fn write_frame(&mut self, place: (Range<usize>, Range<usize>), delay: u64, mut frame: gif::Frame) -> Result<()> {
+        let (columns, rows) = place;
+        frame.delay = delay.min(u64::from(u16::MAX)) as u16;
+        (frame.left, frame.top) = (columns.start as u16, rows.start as u16);
+        (frame.width, frame.height) = (columns.len() as u16, rows.len() as u16);
         self.gif.write_frame(&frame).map_err(|e| failed(&self.path, e))
     }
 
@@ -164,31 +213,9 @@ fn failed(path: &Path, error: gif::EncodingError) -> Error {
     }
 }
 
-/// Columns and rows of the smallest rectangle that holds every difference; one pixel when there is none.
-fn changed(old: &[u8], new: &[u8], width: usize) -> (std::ops::Range<usize>, std::ops::Range<usize>) {
-    let rows = old.chunks_exact(width).zip(new.chunks_exact(width)).enumerate().filter(|(_, (a, b))| a != b);
-    let mut bounds: Option<(usize, usize, usize, usize)> = None;
-    for (y, (a, b)) in rows {
-        let differ = |x: &usize| a[*x] != b[*x];
-        let (left, right) = ((0..width).find(differ).unwrap_or(0), (0..width).rfind(differ).unwrap_or(0));
-        let (l, r, top, _) = bounds.unwrap_or((left, right, y, y));
-        bounds = Some((l.min(left), r.max(right), top, y));
-    }
-    bounds.map_or((0..1, 0..1), |(left, right, top, bottom)| (left..right + 1, top..bottom + 1))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_changed_rectangle_is_tight() {
-        let mut new = vec![0; 40];
-        assert_eq!(changed(&[0; 40], &new, 8), (0..1, 0..1));
-        new[8 + 3] = 1;
-        new[3 * 8 + 6] = 1;
-        assert_eq!(changed(&[0; 40], &new, 8), (3..7, 1..4));
-    }
 
     #[test]
     fn no_frame_is_shorter_than_browsers_show() {

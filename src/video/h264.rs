@@ -228,7 +228,7 @@ fn read_colour(r: &mut Bits) -> Option<Colour> {
 }
 
 /// Removes emulation prevention bytes (§7.4.1).
-fn unescape(nal: &[u8]) -> Vec<u8> {
+pub(super) fn unescape(nal: &[u8]) -> Vec<u8> {
     let mut out = Vec::with_capacity(nal.len());
     let mut zeros = 0;
     for &byte in nal {

@@ -1,7 +1,8 @@
 //! Reading and writing moving pictures.
 
 pub mod animation;
-mod avc_headers;
+mod animation_writer;
+mod apng_writer;
 pub mod avi;
 pub mod clip;
 pub mod conform;
@@ -13,15 +14,16 @@ pub mod h264;
 pub mod looping;
 pub mod mjpeg;
 pub mod mp4;
-mod mp4_boxes;
 pub mod mp4_writer;
 mod palette;
+mod patch;
 pub mod png_folder;
 pub mod scale;
 pub mod sink;
 pub mod source;
 pub mod vp9;
 pub mod webm;
+mod webp_writer;
 pub mod y4m;
 pub mod y4m_writer;
 pub mod yuv;

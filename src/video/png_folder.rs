@@ -3,11 +3,11 @@
 use std::path::Path;
 
 use super::clip::Sink;
-use super::sink::{SinkOptions, check_frame};
+use super::sink::{SinkOptions, check_alpha, check_frame};
 use crate::base::atomic_file::AtomicFolder;
 use crate::base::error::{Error, Kind, Result};
 use crate::raster::image::Rgb8;
-use crate::raster::picture_io::encode_png;
+use crate::raster::picture_io::{encode_png, encode_rgba_png};
 
 /// Frames that five digits can number.
 const MAX_FRAMES: usize = 100_000;
@@ -33,20 +33,31 @@ impl PngFolder {
     pub fn create(path: &Path, options: SinkOptions) -> Result<Self> {
         Ok(Self { folder: AtomicFolder::create(path, is_frame_name)?, options, frames: 0 })
     }
+
+    fn write(&mut self, encoded: Result<Vec<u8>, png::EncodingError>) -> Result<()> {
+        let path = self.folder.path();
+        if self.frames == MAX_FRAMES {
+            return Err(Error::file(Kind::Limit, path, "too many frames").allowed(format!("up to {MAX_FRAMES}")));
+        }
+        let bytes = encoded.map_err(|e| Error::file(Kind::Io, path, format!("cannot encode PNG: {e}")).source(e))?;
+        self.folder.write(&format!("{:05}.png", self.frames), &bytes)?;
+        self.frames += 1;
+        Ok(())
+    }
 }
 
 impl Sink for PngFolder {
     fn push(&mut self, frame: &Rgb8) -> Result<()> {
-        let path = self.folder.path();
-        check_frame(path, frame, self.options)?;
-        if self.frames == MAX_FRAMES {
-            return Err(Error::file(Kind::Limit, path, "too many frames").allowed(format!("up to {MAX_FRAMES}")));
-        }
-        let bytes = encode_png(frame, png::Compression::Fast)
-            .map_err(|e| Error::file(Kind::Io, path, format!("cannot encode PNG: {e}")).source(e))?;
-        self.folder.write(&format!("{:05}.png", self.frames), &bytes)?;
-        self.frames += 1;
-        Ok(())
+        check_frame(self.folder.path(), frame, self.options)?;
+        self.write(encode_png(frame, png::Compression::Fast))
+    }
+
+    fn push_with_alpha(&mut self, frame: &Rgb8, alpha: &[u8]) -> Result<()> {
+        check_frame(self.folder.path(), frame, self.options)?;
+        check_alpha(self.folder.path(), frame, alpha, self.options)?;
+        let pixels = frame.data.chunks_exact(3).zip(alpha);
+        let packed: Vec<u8> = pixels.flat_map(|(p, &a)| [p[0], p[1], p[2], a]).collect();
+        self.write(encode_rgba_png((frame.width, frame.height), &packed, png::Compression::Fast))
     }
 
     fn finish(self: Box<Self>) -> Result<()> {

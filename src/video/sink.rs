@@ -2,10 +2,12 @@
 
 use std::path::Path;
 
+use super::apng_writer::{Apng, ApngWriter};
 use super::clip::Sink;
 use super::gif_writer::GifWriter;
 use super::mp4_writer::Mp4Writer;
 use super::png_folder::{PngFolder, is_frame_name};
+use super::webp_writer::{Webp, WebpWriter};
 use super::y4m_writer::Y4mWriter;
 use crate::base::atomic_file::{self, AtomicFolder};
 use crate::base::error::{Error, Kind, Result};
@@ -74,9 +76,9 @@ pub struct SinkOptions {
     pub height: usize,
     /// Frames per second.
     pub rate: FrameRate,
-    /// Whether a player should start again at the end, where the format can say so (GIF).
+    /// Whether a player should start again at the end, where the format can say so (GIF, WebP, APNG).
     pub loops: bool,
-    /// Whether every frame comes with its opacity.
+    /// Whether every frame comes with its opacity; only PNG, WebP, APNG and (in one bit) GIF hold it.
     pub alpha: bool,
 }
 
@@ -86,12 +88,17 @@ enum Target {
     Stdout,
     Mp4,
     Gif,
+    Webp,
+    Apng,
     Y4m,
     Folder,
 }
 
 /// What names [`create`] accepts, for messages.
-pub const SUPPORTED: &str = ".mp4, .gif, .y4m, a folder for PNG frames, or - for Y4M on standard output";
+pub const SUPPORTED: &str =
+    ".mp4, .gif, .webp, .apng (or .png), .y4m, a folder for PNG frames, or - for Y4M on standard output";
+/// What holds opacity, for messages.
+const WITH_ALPHA: &str = "a folder for PNG frames, .webp, .apng, or .gif (opaque or not, nothing between)";
 
 impl Target {
     fn of(path: &Path) -> Result<Self> {
@@ -106,28 +113,45 @@ impl Target {
             None => Ok(Self::Folder),
             Some("mp4") => Ok(Self::Mp4),
             Some("gif") => Ok(Self::Gif),
+            Some("webp") => Ok(Self::Webp),
+            // An animated PNG is a PNG, and some places take it by that name only.
+            Some("apng" | "png") => Ok(Self::Apng),
             Some("y4m") => Ok(Self::Y4m),
             Some(other) => Err(Error::file(Kind::Usage, path, format!("cannot write .{other}"))
                 .allowed(SUPPORTED)
                 .remedy("choose one of these, or end the name of a folder with a slash")),
         }
     }
+
+    /// Whether the format holds opacity.
+    fn holds_alpha(self) -> bool {
+        matches!(self, Self::Folder | Self::Webp | Self::Apng | Self::Gif)
+    }
 }
 
-/// Opens a sink for `path`, by its extension: `.mp4`, `.gif`, `.y4m`; a name without extension, with a trailing slash, or of an
+/// Opens a sink for `path`, by its extension: `.mp4`, `.gif`, `.webp`, `.apng` or `.png`, `.y4m`; a name without extension, with a trailing slash, or of an
 /// existing folder is a folder of `00000.png`, `00001.png`…; `-` is Y4M on standard output.
 ///
 /// The file appears under its name when [`Sink::finish`] is called; a sink dropped before leaves nothing.
 ///
 /// # Errors
-/// An unknown extension, a size that the format cannot hold, or a place that cannot be written to.
+/// An unknown extension, a size that the format cannot hold, opacity asked of a format without, or a place that cannot
+/// be written to.
 pub fn create(path: &Path, options: SinkOptions) -> Result<Box<dyn Sink>> {
     check_size(path, options)?;
-    Ok(match Target::of(path)? {
+    let target = Target::of(path)?;
+    if options.alpha && !target.holds_alpha() {
+        return Err(Error::file(Kind::Usage, path, "this format holds no opacity")
+            .allowed(WITH_ALPHA)
+            .remedy("give another name, or do not ask for opacity"));
+    }
+    Ok(match target {
         Target::Stdout => Box::new(Y4mWriter::to_stdout(options)?),
         Target::Y4m => Box::new(Y4mWriter::create(path, options)?),
         Target::Mp4 => Box::new(Mp4Writer::create(path, options)?),
         Target::Gif => Box::new(GifWriter::create(path, options)?),
+        Target::Webp => Box::new(WebpWriter::create(path, options, Webp)?),
+        Target::Apng => Box::new(ApngWriter::create(path, options, Apng::default())?),
         Target::Folder => Box::new(PngFolder::create(path, options)?),
     })
 }
@@ -164,6 +188,15 @@ pub(super) fn check_frame(path: &Path, frame: &Rgb8, options: SinkOptions) -> Re
     Err(Error::file(Kind::Data, path, problem).allowed(format!("{width} × {height}")))
 }
 
+/// Refuses opacity that was not announced, or that is of another size than the frame.
+pub(super) fn check_alpha(path: &Path, frame: &Rgb8, alpha: &[u8], options: SinkOptions) -> Result<()> {
+    if options.alpha && alpha.len() == frame.width * frame.height {
+        return Ok(());
+    }
+    let problem = format!("opacity of {} pixels came with a frame of {} × {}", alpha.len(), frame.width, frame.height);
+    Err(Error::file(Kind::Data, path, problem).allowed(if options.alpha { "one byte a pixel" } else { "none" }))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -197,6 +230,8 @@ mod tests {
         assert_eq!(target("-").unwrap(), Target::Stdout);
         assert_eq!(target("a.MP4").unwrap(), Target::Mp4);
         assert_eq!(target("a.y4m").unwrap(), Target::Y4m);
+        assert_eq!(target("a.webp").unwrap(), Target::Webp);
+        assert_eq!((target("a.apng").unwrap(), target("a.png").unwrap()), (Target::Apng, Target::Apng));
         assert_eq!(target("frames").unwrap(), Target::Folder);
         assert_eq!(target("take.2/").unwrap(), Target::Folder);
         assert_eq!(Target::of(folder.path()).unwrap(), Target::Folder);

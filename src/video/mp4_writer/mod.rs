@@ -7,14 +7,17 @@
 //!
 //! H.264 with 4:2:0 has even sizes only: an odd width or height gets one more column or row, a copy of the last.
 
+mod avc_headers;
+mod boxes;
+
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 
 use rusty_h264::{ChromaFormat, Encoder, EncoderConfig, Preset, Profile, YuvFrame};
 
-use super::avc_headers as avc;
+use self::avc_headers as avc;
+use self::boxes::Track;
 use super::clip::{Matrix, Range, Sink};
-use super::mp4_boxes::{self, Track};
 use super::sink::{FrameRate, SinkOptions, check_frame};
 use super::yuv;
 use crate::base::atomic_file::AtomicFile;
@@ -260,7 +263,7 @@ fn picture_starts(stream: &[u8]) -> Vec<usize> {
 /// Moves the frames, which lie at the start of the file, back by the length of the tables, and writes the tables there.
 fn put_tables_first(file: &mut AtomicFile, track: &Track) -> std::io::Result<()> {
     let length = track.sizes.iter().map(|&size| u64::from(size)).sum::<u64>();
-    let head = [mp4_boxes::file_type(), mp4_boxes::movie(track, 0), mp4_boxes::media_head(length)].concat();
+    let head = [boxes::file_type(), boxes::movie(track, 0), boxes::media_head(length)].concat();
     let shift = head.len() as u64;
     let mut buffer = vec![0; MOVE_BYTES.min(length) as usize];
     let mut end = length;
@@ -274,5 +277,5 @@ fn put_tables_first(file: &mut AtomicFile, track: &Track) -> std::io::Result<()>
         end = start;
     }
     file.seek(SeekFrom::Start(0))?;
-    file.write_all(&[mp4_boxes::file_type(), mp4_boxes::movie(track, shift), mp4_boxes::media_head(length)].concat())
+    file.write_all(&[boxes::file_type(), boxes::movie(track, shift), boxes::media_head(length)].concat())
 }

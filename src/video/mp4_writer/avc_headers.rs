@@ -1,6 +1,8 @@
 //! H.264 headers as an MP4 needs them: NAL units out of a byte stream, colour and timing written into the sequence
 //! parameter set, and the decoder configuration record (ISO/IEC 14496-15, 5.3.3).
 
+use crate::video::h264::unescape;
+
 /// NAL unit types used here (ITU-T H.264, table 7-1).
 pub(super) const SLICE: u8 = 1;
 /// A slice of a picture that decoding can start at.
@@ -125,21 +127,6 @@ impl Bits {
         self.push(0, count - 1);
         self.push(value + 1, count);
     }
-}
-
-/// Takes out the emulation prevention bytes (7.4.1).
-fn unescape(unit: &[u8]) -> Vec<u8> {
-    let mut out: Vec<u8> = Vec::with_capacity(unit.len());
-    let mut zeros = 0;
-    for &byte in unit {
-        if zeros >= 2 && byte == 3 {
-            zeros = 0;
-            continue;
-        }
-        zeros = if byte == 0 { zeros + 1 } else { 0 };
-        out.push(byte);
-    }
-    out
 }
 
 /// Puts emulation prevention bytes in.
