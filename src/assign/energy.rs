@@ -7,25 +7,37 @@ use super::pair_costs::PairCosts;
 pub struct Problem<'a> {
     /// Node `n` has candidates `offsets[n]..offsets[n + 1]`, at least one.
     pub offsets: &'a [usize],
-    /// Data term V of every candidate.
+    /// Data term V of every candidate, finite.
     pub data: &'a [f32],
-    /// Smoothness term W of every pair of neighbouring candidates.
+    /// Smoothness term W of every pair of neighbouring candidates, finite.
     pub pairs: &'a PairCosts,
     /// Weight λ of the smoothness term, ≥ 0.
     pub lambda: f32,
 }
 
-/// Labels, and how good they are.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Solution {
-    /// Per node: the number of its candidate, from 0.
-    pub labels: Vec<u32>,
-    /// Energy of the labels.
-    pub energy: f64,
-    /// No labels have less energy than this.
-    pub bound: f64,
-    /// Energy at the start and after each sweep; never rises.
-    pub history: Vec<f64>,
+/// An edge as one of its nodes sees it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Link {
+    /// Number of the edge.
+    pub edge: usize,
+    /// The node at its other end.
+    pub other: usize,
+    /// True when the node is the edge's first, whose labels are the rows of its table.
+    pub first: bool,
+}
+
+/// The edges of every node, by number of the edge.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Links {
+    starts: Vec<usize>,
+    links: Vec<Link>,
+}
+
+impl Links {
+    /// Those of `node`.
+    pub fn of(&self, node: usize) -> &[Link] {
+        &self.links[self.starts[node]..self.starts[node + 1]]
+    }
 }
 
 impl Problem<'_> {
@@ -34,9 +46,36 @@ impl Problem<'_> {
         self.offsets.len().saturating_sub(1)
     }
 
+    /// Number of candidates of `node`.
+    pub fn labels_of(&self, node: usize) -> usize {
+        self.offsets[node + 1] - self.offsets[node]
+    }
+
     /// Data terms of the candidates of `node`.
     pub fn data_of(&self, node: usize) -> &[f32] {
         &self.data[self.offsets[node]..self.offsets[node + 1]]
+    }
+
+    /// Smoothness term, without λ, of edge `e` for a label of its first node and one of its second.
+    pub fn pair(&self, e: usize, first: u32, second: u32) -> f32 {
+        let columns = self.labels_of(self.pairs.edges[e][1] as usize);
+        self.pairs.of(e)[first as usize * columns + second as usize]
+    }
+
+    /// The edges of every node.
+    pub fn links(&self) -> Links {
+        let mut starts = vec![0; self.nodes() + 1];
+        self.pairs.edges.iter().flatten().for_each(|&n| starts[n as usize + 1] += 1);
+        (1..starts.len()).for_each(|n| starts[n] += starts[n - 1]);
+        let mut next = starts.clone();
+        let mut links = vec![Link { edge: 0, other: 0, first: false }; 2 * self.pairs.edges.len()];
+        for (edge, &[a, b]) in self.pairs.edges.iter().enumerate() {
+            for (node, other, first) in [(a, b, true), (b, a, false)] {
+                links[next[node as usize]] = Link { edge, other: other as usize, first };
+                next[node as usize] += 1;
+            }
+        }
+        Links { starts, links }
     }
 
     /// Data terms of the labels, summed.
@@ -46,24 +85,13 @@ impl Problem<'_> {
 
     /// Smoothness terms of the labels, summed, without λ.
     pub fn pair_energy(&self, labels: &[u32]) -> f64 {
-        let cost = |(e, &[a, b]): (usize, &[u32; 2])| {
-            let columns = self.data_of(b as usize).len();
-            f64::from(self.pairs.of(e)[labels[a as usize] as usize * columns + labels[b as usize] as usize])
-        };
+        let cost = |(e, &[a, b]): (usize, &[u32; 2])| f64::from(self.pair(e, labels[a as usize], labels[b as usize]));
         self.pairs.edges.iter().enumerate().map(cost).sum()
     }
 
     /// Energy of the labels.
     pub fn energy(&self, labels: &[u32]) -> f64 {
         self.data_energy(labels) + f64::from(self.lambda) * self.pair_energy(labels)
-    }
-
-    /// A bound below every energy: each term at its own minimum.
-    pub fn bound(&self) -> f64 {
-        let least = |values: &[f32]| f64::from(values.iter().copied().fold(f32::INFINITY, f32::min));
-        let data: f64 = (0..self.nodes()).map(|n| least(self.data_of(n))).sum();
-        let pairs: f64 = (0..self.pairs.edges.len()).map(|e| least(self.pairs.of(e))).sum();
-        data + f64::from(self.lambda) * pairs
     }
 
     /// The labels of least data term; ties take the first.

@@ -8,6 +8,7 @@
 //! All pairs of an edge at once are one matrix product: `Σ m_a m_b ‖a − b‖² = Σ (m_a‖a‖²) m_b + m_a (m_b‖b‖²) − 2 (m_a a)(m_b b)`.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use super::nodes::{Edge, Node, NodeGrid};
 use crate::base::error::{Error, Kind, Result};
@@ -56,18 +57,18 @@ pub struct Origin {
 /// The costs of all candidate pairs of all edges.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct PairCosts {
-    /// The two nodes of every edge.
+    /// The two nodes of every edge; they differ.
     pub edges: Vec<[u32; 2]>,
-    /// Edge `e` has entries `offsets[e]..offsets[e + 1]`.
-    pub offsets: Vec<usize>,
-    /// Per edge a row for every candidate of its first node, in it an entry for every candidate of its second.
+    /// Per edge: where its table lies in `costs`. Edges may share a table.
+    pub tables: Vec<Range<usize>>,
+    /// Per table a row for every candidate of the edge's first node, in it an entry for every candidate of its second.
     pub costs: Vec<f32>,
 }
 
 impl PairCosts {
     /// Costs of edge `e`, row by row.
     pub fn of(&self, e: usize) -> &[f32] {
-        &self.costs[self.offsets[e]..self.offsets[e + 1]]
+        &self.costs[self.tables[e].clone()]
     }
 }
 
@@ -108,7 +109,7 @@ pub fn pair_costs(
             });
             for (i, costs) in costs.iter().enumerate() {
                 let e = batch * BATCH + i;
-                out.costs[out.offsets[e]..out.offsets[e + 1]].copy_from_slice(costs);
+                out.costs[out.tables[e].clone()].copy_from_slice(costs);
             }
             let done = batch * BATCH + edges.len();
             described.retain(|n, _| last_use.get(n).is_some_and(|&last| last >= done));
@@ -123,10 +124,10 @@ fn allocate(grid: &NodeGrid, offsets: &[usize]) -> Result<PairCosts> {
     let count = |n: u32| offsets[n as usize + 1] - offsets[n as usize];
     let mut out = PairCosts { edges: grid.edges.iter().map(|e| [e.a, e.b]).collect(), ..PairCosts::default() };
     let mut total = 0usize;
-    out.offsets.push(0);
     for edge in &grid.edges {
+        let start = total;
         total = total.saturating_add(count(edge.a).saturating_mul(count(edge.b)));
-        out.offsets.push(total);
+        out.tables.push(start..total);
     }
     if total > MAX_COSTS {
         return Err(Error::new(Kind::Limit, "candidates", format!("{total} pairs of candidates are too many"))
@@ -218,6 +219,20 @@ fn shared_cells(edge: &Edge, node: &Node) -> Vec<usize> {
     let (x, y) = (cell(edge.overlap.x - node.x), cell(edge.overlap.y - node.y));
     let (width, height) = (cell(edge.overlap.width), cell(edge.overlap.height));
     (y..y + height).flat_map(|y| (x..x + width).map(move |x| y * PIECE_CELLS + x)).collect()
+}
+
+/// A number for every entry, equal for those that would lay one footage over the grid at one offset: neighbours among
+/// them continue each other at no cost, so they are worth proposing together.
+pub fn continuations(grid: &NodeGrid, offsets: &[usize], origins: &[Origin]) -> Vec<u32> {
+    let mut numbers = BTreeMap::new();
+    let mut number = |(node, origin): (&Node, &Origin)| {
+        let at = |piece: u16, node: u32| i64::from(piece) - i64::from(node);
+        let key = (origin.footage, at(origin.x, node.x), at(origin.y, node.y));
+        let next = numbers.len() as u32;
+        *numbers.entry(key).or_insert(next)
+    };
+    let of = |n: usize| origins[offsets[n]..offsets[n + 1]].iter().map(move |o| (&grid.nodes[n], o));
+    (0..grid.nodes.len()).flat_map(of).map(&mut number).collect()
 }
 
 /// What neighbours from one clip cost: nothing where they continue each other, as much as strangers (1 + σ + ρ) on top

@@ -61,8 +61,10 @@ pub struct Declared {
     pub doc: &'static str,
     /// Unit of the value.
     pub unit: &'static str,
-    /// Smallest and largest value; (0, 1) for switches.
+    /// Smallest and largest value; (0, 1) for switches, places within [`Declared::words`] for words.
     pub range: (f64, f64),
+    /// The words to choose from, where the value is one.
+    pub words: Vec<&'static str>,
     /// Value when nobody says otherwise.
     pub default: Value,
     /// Where the method's paper (or our notes) speaks of it.
@@ -77,8 +79,35 @@ pub trait OptionType: Sized {
     fn to_value(&self) -> Value;
     /// Position within the declared range.
     fn number(&self) -> f64;
+    /// The words to choose from, where the value is one.
+    fn words() -> Vec<&'static str> {
+        Vec::new()
+    }
     /// The sort of value, for people.
     const SORT: &'static str;
+}
+
+/// A choice between words.
+pub trait Words: Copy + PartialEq + 'static {
+    /// Every word with its meaning.
+    const ALL: &'static [(&'static str, Self)];
+}
+
+impl<T: Words> OptionType for T {
+    const SORT: &'static str = "one of these words";
+    fn from_value(value: &Value) -> Option<Self> {
+        let Value::Text(text) = value else { return None };
+        T::ALL.iter().find(|(word, _)| word == text).map(|found| found.1)
+    }
+    fn to_value(&self) -> Value {
+        Value::Text(T::ALL[self.number() as usize].0.to_owned())
+    }
+    fn number(&self) -> f64 {
+        T::ALL.iter().position(|(_, meaning)| meaning == self).unwrap_or(0) as f64
+    }
+    fn words() -> Vec<&'static str> {
+        T::ALL.iter().map(|(word, _)| *word).collect()
+    }
 }
 
 impl OptionType for f32 {
@@ -139,8 +168,11 @@ pub fn read<T: OptionType>(owner: &str, declared: &Declared, default: T, table: 
     let Some(value) = table.get(declared.name) else { return Ok(default) };
     let (low, high) = declared.range;
     let name = format!("{owner}.{}", declared.name);
-    let allowed =
-        || if T::SORT == bool::SORT { T::SORT.to_owned() } else { format!("{} from {low} to {high}", T::SORT) };
+    let allowed = || match &T::words()[..] {
+        [] if T::SORT == bool::SORT => T::SORT.to_owned(),
+        [] => format!("{} from {low} to {high}", T::SORT),
+        words => words.join(", "),
+    };
     let read = T::from_value(value)
         .ok_or_else(|| Error::new(Kind::Usage, &name, format!("{value} is not {}", T::SORT)).allowed(allowed()))?;
     if !(low..=high).contains(&read.number()) {
@@ -227,6 +259,7 @@ macro_rules! declare_options {
                     doc: concat!($($doc),+).trim_ascii(),
                     unit: $unit,
                     range: ($low as f64, $high as f64),
+                    words: <$type as OptionType>::words(),
                     default: default.$field.to_value(),
                     section: $section,
                 }, )*]
@@ -261,6 +294,16 @@ pub use declare_options;
 mod tests {
     use super::*;
 
+    #[derive(Debug, Clone, Copy, PartialEq)]
+    pub enum Order {
+        Rising,
+        Falling,
+    }
+
+    impl Words for Order {
+        const ALL: &'static [(&'static str, Self)] = &[("rising", Self::Rising), ("falling", Self::Falling)];
+    }
+
     declare_options! {
         /// Options of a test.
         pub struct Sample named "sample" {
@@ -270,6 +313,8 @@ mod tests {
             count: usize = 100, in 1, 1000, "pieces", "§2";
             /// Whether.
             quick: bool = false, in 0, 1, "", "§3";
+            /// Which way.
+            order: Order = Order::Rising, in 0, 1, "", "§4";
         }
     }
 
@@ -279,11 +324,16 @@ mod tests {
 
     #[test]
     fn declared_once_serves_reading_writing_and_documentation() {
-        let sample = Sample::from_table(&table(&[("strength", "1"), ("quick", "true")])).unwrap();
-        assert_eq!(sample, Sample { strength: 1.0, count: 100, quick: true });
+        let sample = Sample::from_table(&table(&[("strength", "1"), ("quick", "true"), ("order", "falling")])).unwrap();
+        assert_eq!(sample, Sample { strength: 1.0, count: 100, quick: true, order: Order::Falling });
         assert_eq!(Sample::from_table(&sample.to_table()).unwrap(), sample);
         assert_eq!(Sample::default().to_table()["strength"], Value::Number(0.3));
         assert_eq!(Sample::declared()[1].doc, "How many.");
+        assert_eq!(
+            (&Sample::declared()[3].words[..], Sample::declared()[3].range),
+            (&["rising", "falling"][..], (0.0, 1.0))
+        );
+        assert_eq!(Sample::default().to_table()["order"], Value::Text("rising".into()));
     }
 
     #[test]
@@ -294,6 +344,7 @@ mod tests {
         assert!(message(&[("strength", "nan")]).contains("out of range"));
         assert!(message(&[("count", "2.5")]).contains("a whole number from 1 to 1000"));
         assert!(message(&[("quick", "1")]).contains("true or false"));
+        assert!(message(&[("order", "sideways")]).contains("rising, falling"));
         assert!(!message(&[("xyzzyqwerty", "1")]).contains("did you mean"));
     }
 }

@@ -34,17 +34,11 @@ fn print(method: &MethodEntry) {
     for option in (method.options)() {
         let (low, high) = option.range;
         let section = if option.section.is_empty() { String::new() } else { format!("({})", option.section) };
-        say!(
-            "  --set {}.{}={}   {} to {} {}\n      {} {}",
-            method.name,
-            option.name,
-            option.default,
-            low,
-            high,
-            option.unit,
-            option.doc,
-            section
-        );
+        let allowed = match &option.words[..] {
+            [] => format!("{low} to {high} {}", option.unit),
+            words => words.join(", "),
+        };
+        say!("  --set {}.{}={}   {allowed}\n      {} {section}", method.name, option.name, option.default, option.doc);
     }
 }
 
@@ -53,7 +47,7 @@ fn as_json(method: &MethodEntry) -> serde_json::Value {
         .iter()
         .map(|o| {
             json!({ "name": o.name, "doc": o.doc, "unit": o.unit, "range": [o.range.0, o.range.1],
-                "default": o.default, "section": o.section })
+                "words": o.words, "default": o.default, "section": o.section })
         })
         .collect();
     json!({ "name": method.name, "summary": method.summary, "citation": method.citation, "options": options })

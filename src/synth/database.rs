@@ -13,6 +13,7 @@ use super::{MethodEntry, Outcome, Sources, Synthesizer};
 use crate::assign::candidates;
 use crate::assign::nodes::NodeGrid;
 use crate::assign::pair_costs::Weights;
+use crate::assign::solve::{self, Solver};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer, stage};
 use crate::base::options::declare_options;
@@ -56,8 +57,10 @@ declare_options! {
         direction: f32 = 0.4, in 0, 10, "ratio", "Okabe 2011, §5";
         /// Weight of every octave by which a piece is too slow or too fast for the asked speed, beyond what playback mends.
         speed: f32 = 0.1, in 0, 10, "ratio", "methods §1.6";
-        /// Most sweeps over the nodes when labels are chosen.
-        sweeps: usize = 50, in 0, 10000, "sweeps", "Besag 1986";
+        /// How the energy is minimised: messages and then moves, one of them alone; "expansion" is the paper's.
+        solver: Solver = Solver::Dual, in 0, 2, "", "Okabe 2011, §5.3";
+        /// Most sweeps of messages, and most rounds of moves; both end sooner when nothing changes.
+        sweeps: usize = 100, in 0, 10000, "sweeps", "Kolmogorov 2006";
         /// Exposure of the recovered average image: a streak is this many frames of motion long.
         shutter: f32 = 6.0, in 0, 100, "frames", "Okabe 2011, §6";
         /// Width of the Gaussian in the recovered average image, per speed.
@@ -145,9 +148,10 @@ impl Database {
     }
 
     fn labelling(&self, scene: &Scene) -> LabelOptions {
-        let Options { sigma, rho, lambda, texture, still, direction, speed, sweeps, .. } = self.options;
+        let Options { sigma, rho, lambda, texture, still, direction, speed, solver, sweeps, .. } = self.options;
+        let solver = solve::Options { solver, sweeps };
         let fps = scene.settings().output.fps;
-        LabelOptions { weights: Weights { sigma, rho }, lambda, texture, still, direction, speed, fps, sweeps }
+        LabelOptions { weights: Weights { sigma, rho }, lambda, texture, still, direction, speed, fps, solver }
     }
 
     /// Puts the chosen pieces onto their nodes, played as fast as is asked.
@@ -380,12 +384,15 @@ fn assignment(
             asked_speed: wish.speed,
         })
     };
+    let solution = &labels.solution;
     Ok(AssignmentRecord {
-        energy: labels.energy,
-        data_only_energy: labels.data_only_energy,
+        energy: solution.energy,
+        data_only_energy: solution.history[0],
         data_energy: labels.data_energy,
-        bound: labels.bound,
-        history: labels.history.clone(),
+        bound: solution.bound,
+        gap: solution.gap(),
+        history: solution.history.clone(),
+        bounds: solution.bounds.clone(),
         widened: 0,
         clips: shares,
         nodes: (0..placed.choices.len()).map(node).collect::<Result<_>>()?,

@@ -6,9 +6,9 @@ use super::Sources;
 use super::gate::{MotionGate, PieceMotion};
 use crate::assign::candidates::{self, Candidates, Gate, Pieces};
 use crate::assign::energy::Problem;
-use crate::assign::icm::icm;
 use crate::assign::nodes::{Node, NodeGrid};
-use crate::assign::pair_costs::{Origin, Weights, pair_costs};
+use crate::assign::pair_costs::{Origin, Weights, continuations, pair_costs};
+use crate::assign::solve::{self, Solution, solve};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{Observer, stage};
 use crate::base::options::nearest;
@@ -57,16 +57,10 @@ pub struct Choices {
 pub struct Labels {
     /// Per node: the piece.
     pub choices: Vec<Choice>,
-    /// Energy (Okabe et al. 2011, §5.3).
-    pub energy: f64,
-    /// Energy of the best data terms' labels.
-    pub data_only_energy: f64,
+    /// The labels, and how good they are.
+    pub solution: Solution,
     /// Data terms within the energy.
     pub data_energy: f64,
-    /// A bound that no energy is below.
-    pub bound: f64,
-    /// Energy after each sweep.
-    pub history: Vec<f64>,
 }
 
 /// Finds the candidates of all nodes in all libraries: the pieces whose average image looks most like the node, of those
@@ -243,8 +237,8 @@ pub struct LabelOptions {
     pub speed: f32,
     /// Frames per second of the output.
     pub fps: f32,
-    /// Sweeps over the nodes at most.
-    pub sweeps: usize,
+    /// How the energy is minimised.
+    pub solver: solve::Options,
 }
 
 /// Chooses one candidate per node, such that neighbours move alike (Okabe et al. 2011, §5).
@@ -279,15 +273,14 @@ pub fn labels(
     })?;
     let pairs = pair_costs(grid, offsets, &origins, tile, &normalizers, options.weights, observer)?;
     let problem = Problem { offsets, data: &data, pairs: &pairs, lambda: options.lambda };
-    let solution = stage(observer, "labels", 0, || Ok(icm(&problem, options.sweeps)))?;
+    let solution = stage(observer, "labels", 0, || {
+        solve(&problem, &continuations(grid, offsets, &origins), &options.solver, observer)
+    })?;
     let chosen = |n: usize| choices.choices[offsets[n] + solution.labels[n] as usize];
     Ok(Labels {
         choices: (0..grid.nodes.len()).map(chosen).collect(),
-        data_only_energy: problem.energy(&problem.data_only()),
         data_energy: problem.data_energy(&solution.labels),
-        energy: solution.energy,
-        bound: solution.bound,
-        history: solution.history,
+        solution,
     })
 }
 

@@ -57,8 +57,13 @@ pub struct AssignmentRecord {
     pub data_energy: f64,
     /// No labels have less energy than this.
     pub bound: f64,
-    /// Energy after each sweep.
+    /// `(energy − bound) / (data_only_energy − bound)`: what could still be gained, at most. The solver's time is that of
+    /// the stage "labels".
+    pub gap: f64,
+    /// Energy at the start, after each sweep of messages, and after each round of moves.
     pub history: Vec<f64>,
+    /// Bound after each sweep of messages.
+    pub bounds: Vec<f64>,
     /// Nodes for which too few pieces moved as asked, so that others were let in.
     #[serde(default)]
     pub widened: usize,
