@@ -182,6 +182,8 @@ fn mistakes_are_named() {
     contains("[databse]\nshutter = 1", "did you mean \"database\"?");
     contains("[otput]\nframes = 1", "did you mean \"output\"?");
     contains("[database]\nshuter = 1", "did you mean \"shutter\"?");
+    contains("[database]\ntau = 1", "database.tau: 1 is out of range");
+    contains("[database]\ntau = -0.5", "database.tau: -0.5 is out of range (allowed: 0 to 0.98, or -1");
     contains("[database]\nshutter = -1", "database.shutter: -1 is out of range");
     contains("use = ['lava']", "no clip of the library is tagged lava (allowed: test)");
     let [a, b, c] = stage.clips();
@@ -199,6 +201,66 @@ fn mistakes_are_named() {
     };
     assert!(scene(&[]).contains("needs a library"));
     assert!(scene(&[&stage.path("text.pack")]).contains("text.pack"));
+}
+
+/// Keeps fluid and opacity.
+#[derive(Default)]
+struct KeepAlpha(Vec<(Rgb8, Vec<u8>)>);
+
+impl Sink for KeepAlpha {
+    fn push(&mut self, _: &Rgb8) -> Result<()> {
+        panic!("a frame without opacity");
+    }
+
+    fn push_with_alpha(&mut self, frame: &Rgb8, alpha: &[u8]) -> Result<()> {
+        self.0.push((frame.clone(), alpha.to_vec()));
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn the_outline_moves_and_what_it_never_reaches_keeps_its_bytes() {
+    let stage = Stage::new();
+    let settings = |alpha| format!("[output]\nframes = 20\nalpha = {alpha}\n[database]\ntau = 0.8\n");
+    let (frames, outcome) = stage.run(&settings(false), &Silent).unwrap();
+    assert!(frames == par::with_threads(3, || stage.run(&settings(false), &Silent)).unwrap().unwrap().0);
+    assert!(outcome.pictures.iter().any(|(name, made)| *name == "background" && (made.width, made.height) == SIZE));
+
+    let mut alone = KeepAlpha::default();
+    run(&stage.scene(&settings(true)).unwrap(), &mut alone, &Silent).unwrap();
+    let (original, mut seen, mut free) = (picture(), 0, 0);
+    for (t, (frame, (fluid, alpha))) in frames.iter().zip(&alone.0).enumerate() {
+        assert_ne!(alpha, &alone.0[(t + 1) % 20].1, "the outline stands still in frame {t}");
+        for (i, &a) in alpha.iter().enumerate() {
+            let pixel = 3 * i..3 * i + 3;
+            if a == 0 {
+                free += 1;
+                assert_eq!(frame.data[pixel.clone()], original.data[pixel], "{i} in frame {t}");
+            } else if a == 255 {
+                seen += 1;
+                let mut pairs = frame.data[pixel.clone()].iter().zip(&fluid.data[pixel]);
+                assert!(pairs.all(|(a, b)| a.abs_diff(*b) <= 1), "{i} in frame {t}");
+            }
+        }
+    }
+    assert!(seen > 10_000 && free > 10_000, "{seen} {free}");
+}
+
+#[test]
+fn fluid_alone_has_its_matte_as_opacity_when_the_outline_stays() {
+    let stage = Stage::new();
+    write_png(&stage.path("b.png"), &Rgb8::black(SIZE.0, SIZE.1)).unwrap();
+    let mut alone = KeepAlpha::default();
+    run(&stage.scene("background = 'b.png'\n[output]\nframes = 3\nalpha = true\n").unwrap(), &mut alone, &Silent)
+        .unwrap();
+    let expected: Vec<u8> = (0..SIZE.0 * SIZE.1).map(|i| (matte(i % SIZE.0) * 255.0 + 0.5) as u8).collect();
+    for (_, alpha) in &alone.0 {
+        assert!(alpha.iter().zip(&expected).all(|(a, e)| a.abs_diff(*e) <= 1));
+    }
 }
 
 #[test]

@@ -53,7 +53,7 @@ pub struct Animate {
     /// Speed at white of the speed map, pixels of the picture per frame
     #[arg(long, value_name = "PX", allow_negative_numbers = true, value_parser = parse_number)]
     pub max_speed: Option<f32>,
-    /// What is behind the fluid, a picture of the same size; checked and recorded, not shown yet
+    /// What is behind the fluid, a picture of the same size: seen where the outline of fire or smoke moves away
     #[arg(long, value_name = "PICTURE")]
     pub background: Option<PathBuf>,
     /// Method (see enliven methods)
@@ -74,6 +74,9 @@ pub struct Animate {
     /// Seed of every random choice [default: 1]
     #[arg(long)]
     pub seed: Option<u64>,
+    /// Write the fluid alone with its opacity, for another program to lay over something (not for .mp4 and .y4m)
+    #[arg(long)]
+    pub alpha: bool,
     /// An option of a method; may be given more than once
     #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
     pub set: Vec<String>,
@@ -134,6 +137,7 @@ impl Animate {
         file.output.frames = over.frames.unwrap_or(file.output.frames);
         file.output.fps = over.fps.unwrap_or(file.output.fps);
         file.output.working_size = over.working_size.unwrap_or(file.output.working_size);
+        file.output.alpha |= over.alpha;
         file.output.seed = over.seed.unwrap_or(file.output.seed);
         self.set.iter().try_for_each(|text| set(&mut file, text))?;
         Ok(file)
@@ -171,13 +175,24 @@ struct Collector {
     kept: Vec<Rgb8>,
 }
 
-impl Sink for Collector {
-    fn push(&mut self, frame: &Rgb8) -> Result<()> {
+impl Collector {
+    fn keep(&mut self, frame: &Rgb8) {
         if self.wanted.contains(&self.next) {
             self.kept.push(frame.clone());
         }
         self.next += 1;
+    }
+}
+
+impl Sink for Collector {
+    fn push(&mut self, frame: &Rgb8) -> Result<()> {
+        self.keep(frame);
         self.inner.push(frame)
+    }
+
+    fn push_with_alpha(&mut self, frame: &Rgb8, alpha: &[u8]) -> Result<()> {
+        self.keep(frame);
+        self.inner.push_with_alpha(frame, alpha)
     }
 
     fn finish(self: Box<Self>) -> Result<()> {
@@ -202,7 +217,7 @@ pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: 
     let settings = scene.settings().output;
     let (width, height) = scene.frame_map().output;
     let rate = FrameRate::new(f64::from(settings.fps))?;
-    let inner = sink::create(output, SinkOptions { width, height, rate, loops: true, alpha: false })?;
+    let inner = sink::create(output, SinkOptions { width, height, rate, loops: true, alpha: settings.alpha })?;
     let wanted = if report.is_some() { spread(settings.frames, SHEET_FRAMES) } else { Vec::new() };
     let mut collector = Box::new(Collector { inner, wanted, next: 0, kept: Vec::new() });
     let outcome = synth::run(&scene, &mut *collector, observer)?;

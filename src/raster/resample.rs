@@ -1,5 +1,7 @@
 //! Antialiased resizing.
 
+use std::ops::Range;
+
 use super::image::{Color, Plane, Rgb8, Space};
 
 /// Weights of one output sample: first input index and taps.
@@ -47,21 +49,50 @@ pub fn resize(plane: &Plane, width: usize, height: usize) -> Plane {
     if (plane.width, plane.height) == (width, height) {
         return plane.clone();
     }
-    let horizontal = taps(plane.width, width);
-    let mut narrow = Plane::zeros(width, plane.height);
-    for y in 0..plane.height {
-        let row = plane.row(y);
-        for (out, tap) in narrow.row_mut(y).iter_mut().zip(&horizontal) {
-            *out = row[tap.first..].iter().zip(&tap.weights).map(|(v, w)| v * w).sum();
-        }
+    Resizer::new((plane.width, plane.height), (width, height)).window(plane, 0..width, 0..height)
+}
+
+/// [`resize`] between two sizes, window by window.
+pub struct Resizer {
+    horizontal: Vec<Taps>,
+    vertical: Vec<Taps>,
+    same: bool,
+}
+
+impl Resizer {
+    /// From planes of one width and height to another.
+    pub fn new(from: (usize, usize), to: (usize, usize)) -> Self {
+        Self { horizontal: taps(from.0, to.0), vertical: taps(from.1, to.1), same: from == to }
     }
-    let mut out = Plane::zeros(width, height);
-    for (y, tap) in taps(plane.height, height).iter().enumerate() {
-        for (i, &w) in tap.weights.iter().enumerate() {
-            out.row_mut(y).iter_mut().zip(narrow.row(tap.first + i)).for_each(|(o, &v)| *o += w * v);
+
+    /// The pixels `x`, `y` of the resized plane, as [`resize`] would give them.
+    ///
+    /// # Panics
+    /// When the plane is smaller than it was said to be or the window reaches beyond the resized one.
+    pub fn window(&self, plane: &Plane, x: Range<usize>, y: Range<usize>) -> Plane {
+        if self.same {
+            let data = y.clone().flat_map(|y| &plane.row(y)[x.clone()]).copied().collect();
+            return Plane::from_vec(x.len(), y.len(), data);
         }
+        let (horizontal, vertical) = (&self.horizontal[x], &self.vertical[y]);
+        let first = vertical.first().map_or(0, |tap| tap.first);
+        let end = vertical.last().map_or(0, |tap| tap.first + tap.weights.len());
+        let mut narrow = Plane::zeros(horizontal.len(), end - first);
+        for row in first..end {
+            let source = plane.row(row);
+            for (out, tap) in narrow.row_mut(row - first).iter_mut().zip(horizontal) {
+                *out = source[tap.first..].iter().zip(&tap.weights).map(|(v, w)| v * w).sum();
+            }
+        }
+        let mut out = Plane::zeros(horizontal.len(), vertical.len());
+        for (y, tap) in vertical.iter().enumerate() {
+            for (i, &w) in tap.weights.iter().enumerate() {
+                let row = narrow.row(tap.first - first + i);
+                out.row_mut(y).iter_mut().zip(row).for_each(|(o, &v)| *o += w * v);
+            }
+        }
+        out
     }
-    out
 }
 
 /// [`resize`] on each channel.
@@ -88,6 +119,16 @@ mod tests {
         let ramp = resize(&Plane::from_fn(64, 4, |x, _| x as f32 + 0.5), 32, 4);
         for x in 4..28 {
             assert!((ramp.at(x, 1) - (x as f32 + 0.5) * 2.0).abs() < 1e-3);
+        }
+    }
+
+    #[test]
+    fn a_window_is_a_part_of_the_whole() {
+        let plane = Plane::from_fn(31, 17, |x, y| (x * x + 3 * y) as f32);
+        for (width, height) in [(70, 50), (12, 9), (31, 17)] {
+            let whole = resize(&plane, width, height);
+            let part = Resizer::new((31, 17), (width, height)).window(&plane, 3..9, 2..7);
+            assert!((0..5).all(|y| part.row(y) == &whole.row(y + 2)[3..9]));
         }
     }
 

@@ -1,8 +1,13 @@
-//! From assigned pieces to frames: blended differences over the recovered average image (Okabe et al. 2011, §6).
+//! From assigned pieces to frames: blended differences over the recovered average image, inside a matte that may move,
+//! before what is behind it (Okabe et al. 2011, §6).
 
 pub mod blend;
+pub mod boundary;
 pub mod composite;
 pub mod contrast;
+pub mod extrapolate;
+pub mod inpaint;
+pub mod layers;
 pub mod layout;
 pub mod recover;
 pub mod sample;

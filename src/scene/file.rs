@@ -14,7 +14,7 @@ pub const KEYS: [&str; 10] =
 /// Keys of `[motion]`.
 pub const MOTION_KEYS: [&str; 5] = ["direction", "strokes", "orientation", "speed", "max_speed"];
 /// Keys of `[output]`.
-pub const OUTPUT_KEYS: [&str; 5] = ["frames", "fps", "size", "working_size", "seed"];
+pub const OUTPUT_KEYS: [&str; 6] = ["frames", "fps", "size", "working_size", "seed", "alpha"];
 
 /// A scene as a person writes it; everything but the picture is optional.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -87,11 +87,13 @@ pub struct Output {
     pub working_size: usize,
     /// Seed of every random choice.
     pub seed: u64,
+    /// Whether to write the fluid alone, with its opacity, for another program to put over its background.
+    pub alpha: bool,
 }
 
 impl Default for Output {
     fn default() -> Self {
-        Self { frames: 120, fps: 25.0, size: None, working_size: 640, seed: 1 }
+        Self { frames: 120, fps: 25.0, size: None, working_size: 640, seed: 1, alpha: false }
     }
 }
 

@@ -6,6 +6,7 @@ use super::assignment_picture::{assignment_picture, colour};
 use super::footage::{Clip, Stream, bands_of, frame_bytes};
 use super::gate;
 use super::maps::{Maps, maps};
+use super::outline::{self, Outline};
 use super::pick::{self, Choice, LabelOptions, Labels};
 use super::rates::{self, RATES};
 use super::record::{AssignmentRecord, ClipShare, NodeRecord, RunRecord, Timed};
@@ -25,8 +26,10 @@ use crate::library::tile::Tile;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::resample::resize;
 use crate::render::blend::Blender;
+use crate::render::boundary::Boundary;
 use crate::render::composite::Compositor;
 use crate::render::contrast::{Strength, Variance, match_contrast};
+use crate::render::layers::Layers;
 use crate::render::layout::{Layout, LevelKey, PlacedCell, Placement};
 use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, make_room, recover};
 use crate::scene::asked::Wish;
@@ -73,6 +76,9 @@ declare_options! {
         max_gain: f32 = 3.0, in 1, 20, "ratio", "Okabe 2011, Fig. 13";
         /// Factor of the coarsest band of the differences, where swell and changing light live.
         coarse: f32 = 0.4, in 0, 2, "ratio", "methods §1.6";
+        /// How far the outline lets go of the matte, as fire and smoke do: 0 not at all, 0.9 much; -1 takes 0.9 where most
+        /// pieces come from clips tagged fire or smoke, else 0.
+        tau: f32 = -1.0, in -1, 0.98, "ratio", "Okabe 2011, §6";
         /// Phases of its loop that a clip is used at; more keeps copies from moving in unison, and is slower.
         phases: usize = 1, in 1, 8, "phases", "methods §1.5";
     }
@@ -84,9 +90,20 @@ pub const ENTRY: MethodEntry = MethodEntry {
     summary: "borrows motion piece by piece from a library of clips",
     citation: "Okabe, Anjyo & Onai, \"Creating Fluid Animation from a Single Image using Video Database\", CGF 30(7), 2011",
     options: Options::declared,
-    complete: |table| Ok(Options::from_table(table)?.to_table()),
-    build: |table| Ok(Box::new(Database { options: Options::from_table(table)? })),
+    complete: |table| Ok(Options::from_table(table)?.checked()?.to_table()),
+    build: |table| Ok(Box::new(Database { options: Options::from_table(table)?.checked()? })),
 };
+
+impl Options {
+    /// What a range alone cannot say.
+    fn checked(self) -> Result<Self> {
+        if self.tau < 0.0 && self.tau != -1.0 {
+            return Err(Error::new(Kind::Usage, "database.tau", format!("{} is out of range", self.tau))
+                .allowed("0 to 0.98, or -1 for what the clips' fluid wants"));
+        }
+        Ok(self)
+    }
+}
 
 /// The method with its options.
 pub struct Database {
@@ -115,11 +132,25 @@ struct Footage {
     rate: usize,
 }
 
+/// The picture taken apart, for an outline that moves or fluid alone.
+struct Apart {
+    layers: Layers,
+    /// The background that was made, where none was given.
+    made: Option<Rgb8>,
+    /// How far the outline lets go of the matte.
+    tau: f32,
+}
+
 /// Everything about the frames that does not change with time.
 struct Rendering {
     motion: AssignedMotion,
     blender: Blender,
     compositor: Compositor,
+    /// The outline before the first frame, and how many frames before it has to be followed from.
+    outline: Outline,
+    run_in: usize,
+    /// The background that was made for this picture.
+    background: Option<Rgb8>,
 }
 
 impl Synthesizer for Database {
@@ -134,7 +165,8 @@ impl Synthesizer for Database {
         let clips = study(&placed, scene, sources, observer)?;
         // A library cut short by somebody else while it is mapped must not be read any further.
         sources.packs.iter().try_for_each(|(_, pack)| pack.check_length())?;
-        let rendering = stage(observer, "prepare", 0, || self.prepare(&placed, &clips, &still))?;
+        let layers = self.separate(&placed, &still, sources, scene, observer)?;
+        let rendering = stage(observer, "prepare", 0, || self.prepare(&placed, &clips, &still, layers))?;
         frames(&placed, &clips, &rendering, scene, sink, observer)?;
         let mut outcome = outcome(&placed, &clips, &rendering, &labels, &still, sources, scene)?;
         outcome.record.assignment.iter_mut().for_each(|a| a.widened = candidates.widened);
@@ -192,8 +224,33 @@ impl Database {
         Ok(Placed { layout, choices: choices.to_vec(), wishes, clips, sources: phases })
     }
 
+    /// Takes the picture apart where the outline moves or the fluid is wanted alone.
+    fn separate(
+        &self,
+        placed: &Placed,
+        still: &Still,
+        sources: &Sources,
+        scene: &Scene,
+        observer: &Timed,
+    ) -> Result<Option<Apart>> {
+        let tag = |choice: &Choice| {
+            let pack = &sources.packs[choice.pack].1;
+            Ok(pack.clips()[pack.piece(choice.piece)?.clip as usize].tag.as_str())
+        };
+        let tags = placed.choices.iter().map(tag).collect::<Result<Vec<_>>>()?;
+        let tau = outline::looseness(self.options.tau, still, &tags, observer);
+        if tau > 0.0 || scene.settings().output.alpha {
+            let (layers, made) = outline::separate(still, observer)?;
+            return Ok(Some(Apart { layers, made, tau }));
+        }
+        if still.background.is_some() {
+            observer.note("the outline does not move, so the background is not seen (database.tau = 0)");
+        }
+        Ok(None)
+    }
+
     /// Weights, gains, recovered image: what all frames share.
-    fn prepare(&self, placed: &Placed, clips: &[Clip], still: &Still) -> Result<Rendering> {
+    fn prepare(&self, placed: &Placed, clips: &[Clip], still: &Still, apart: Option<Apart>) -> Result<Rendering> {
         let Options { shutter, blur, recovery: amount, strength, max_gain, coarse, .. } = self.options;
         let variance = |key: &LevelKey| {
             let clip = &clips[placed.sources[key.source].0];
@@ -204,13 +261,31 @@ impl Database {
         let luma = still.working.luma();
         let matched = match_contrast(&placed.layout, &variances, &luma, &still.working_matte, &strength);
         let motion = assigned_motion(&placed.layout);
+        // Before a background the fluid is recovered wherever it may come, from its own colours.
+        let (fluid, matte) = match &apart {
+            Some(Apart { layers, .. }) => (&layers.fluid, &layers.reach),
+            None => (&still.working, &still.working_matte),
+        };
         let recovery = Recovery { shutter, blur, amount };
-        let recovered = recover(&still.working, &still.working_matte, &motion, &recovery);
+        let recovered = recover(fluid, matte, &motion, &recovery);
         let shares = std::array::from_fn(|band| placed.layout.spread(|i| matched.shares[i][band]));
-        let recovered = make_room(&recovered, &still.working, &still.working_matte, &shares);
-        let compositor =
-            Compositor::new(still.picture.clone(), &still.matte, &still.working, &still.working_matte, &recovered);
-        Ok(Rendering { motion, blender: Blender::new(&placed.layout, &matched.gains), compositor })
+        let recovered = make_room(&recovered, fluid, matte, &shares);
+        let blender = Blender::new(&placed.layout, &matched.gains);
+        let picture = still.picture.clone();
+        Ok(match apart {
+            None => {
+                let outline = Outline::fixed(&still.working_matte);
+                let compositor =
+                    Compositor::new(picture, &still.matte, &still.working, &still.working_matte, &recovered);
+                Rendering { motion, blender, compositor, outline, run_in: 0, background: None }
+            }
+            Some(Apart { layers, made, tau }) => {
+                let outline = Outline::new(&layers, &recovered.luma(), tau);
+                let compositor = Compositor::layered(picture, &still.matte, &still.working, &layers, &recovered);
+                let run_in = Boundary::run_in(tau);
+                Rendering { motion, blender, compositor, outline, run_in, background: made }
+            }
+        })
     }
 }
 
@@ -283,8 +358,9 @@ fn study(placed: &Placed, scene: &Scene, sources: &Sources, observer: &Timed) ->
     })
 }
 
-/// Makes the frames in blocks: the clips of a block are decoded in parallel, then its frames are blended in parallel,
-/// while the frames of the block before are written.
+/// Makes the frames in blocks: the clips of a block are decoded in parallel, then its differences are blended in
+/// parallel, while the frames of the block before are put together and written. An outline that moves is followed
+/// through some frames of the loop before the first one that is written.
 fn frames(
     placed: &Placed,
     clips: &[Clip],
@@ -293,30 +369,65 @@ fn frames(
     sink: &mut dyn Sink,
     observer: &Timed,
 ) -> Result<()> {
-    let count = scene.settings().output.frames;
+    let output = scene.settings().output;
     let phases = placed.sources.iter().map(|s| s.1).max().unwrap_or(0) + 1;
     let levels = rendering.blender.levels();
     let stream = |(source, &(clip, phase)): (usize, &(usize, usize))| {
         let scales = levels.iter().filter(|l| l.source == source).map(|l| l.scale).collect();
-        Stream::new(&clips[clip], phase as f64 / phases as f64, count, scales)
+        Stream::new(&clips[clip], phase as f64 / phases as f64, output.frames, scales)
     };
     let streams = placed.sources.iter().enumerate().map(stream).collect::<Result<Vec<_>>>()?;
     let block = (BLOCK_BYTES / frame_bytes(&streams).max(1)).clamp(par::threads().min(4), 16);
+    // Streams repeat, so the frames before the first are those that far before the end of a later round.
+    let first = rendering.run_in.next_multiple_of(output.frames);
+    let start = first - rendering.run_in;
+    let end = first + output.frames;
     let make = |b: usize| {
-        let range = b * block..((b + 1) * block).min(count);
+        let range = start + b * block..(start + (b + 1) * block).min(end);
         let levels = bands_of(&streams, range, observer)?;
-        Ok(par::map(levels.len(), |i| rendering.compositor.frame(&rendering.blender.frame(&levels[i]))))
+        Ok(par::map(levels.len(), |i| rendering.blender.frame(&levels[i])))
     };
-    stage(observer, "frames", count as u64, || {
-        par::ordered_map(0..count.div_ceil(block), 2, make, |_, frames: Vec<Rgb8>| {
-            for frame in &frames {
-                observe::check(observer)?;
-                sink.push(frame)?;
-                observer.advance("frames", 1);
-            }
-            Ok(())
+    let mut outline = rendering.outline.clone();
+    let mut writer = Writer { compositor: &rendering.compositor, alpha: output.alpha, sink, observer };
+    stage(observer, "frames", output.frames as u64, || {
+        par::ordered_map(0..(end - start).div_ceil(block), 2, make, |b, differences: Vec<Plane>| {
+            observe::check(observer)?;
+            let outlines = outline.follow(&differences);
+            let before = (first - start).saturating_sub(b * block).min(differences.len());
+            writer.write(&differences[before..], &outlines[before..])
         })
     })
+}
+
+/// Puts frames together and hands them on.
+struct Writer<'a> {
+    compositor: &'a Compositor,
+    alpha: bool,
+    sink: &'a mut dyn Sink,
+    observer: &'a Timed<'a>,
+}
+
+impl Writer<'_> {
+    /// Writes frames given as luma differences and outlines, one being made while the one before is written.
+    fn write(&mut self, differences: &[Plane], outlines: &[Plane]) -> Result<()> {
+        let (compositor, alpha, observer) = (self.compositor, self.alpha, self.observer);
+        let make = |i: usize| {
+            Ok(if alpha {
+                (compositor.fluid(&differences[i]), Some(compositor.opacity(&outlines[i])))
+            } else {
+                (compositor.frame(&differences[i], &outlines[i]), None)
+            })
+        };
+        par::ordered_map(0..differences.len(), 2, make, |_, (frame, opacity)| {
+            observe::check(observer)?;
+            match opacity {
+                Some(opacity) => self.sink.push_with_alpha(&frame, &opacity)?,
+                None => self.sink.push(&frame)?,
+            }
+            observer.advance("frames", 1);
+            Ok(())
+        })
+    }
 }
 
 fn outcome(
@@ -337,6 +448,7 @@ fn outcome(
     // The rate of the library is a constant of the program that built it; several libraries have the same.
     let pace = sources.packs[0].1.parameters().rate as f32 / scene.settings().output.fps;
     let Maps { mut pictures, max_speed } = maps(motion, pace, still.asked.as_ref(), &still.map);
+    pictures.extend(rendering.background.iter().map(|made| ("background", made.clone())));
     pictures.extend([("assignment", picture), ("motion", draw::colour(&field, 0.0))]);
     let record = RunRecord { assignment: Some(assignment), max_speed: Some(max_speed), ..RunRecord::default() };
     Ok(Outcome { record, pictures })

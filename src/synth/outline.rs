@@ -1,0 +1,143 @@
+//! The part of a run in which the fluid's outline moves: taking the picture apart, and following the frames.
+
+use crate::base::error::Result;
+use crate::base::observe::{Observer, stage};
+use crate::base::par;
+use crate::raster::image::{Plane, Rgb8};
+use crate::raster::resample::{resize_color, resize_rgb8};
+use crate::render::boundary::{Boundary, fluid_flow};
+use crate::render::inpaint::inpaint;
+use crate::render::layers::Layers;
+use crate::scene::scene::Still;
+
+/// How far fire and smoke let go of their matte when nobody says otherwise (Okabe et al. 2011, §6).
+const LOOSE: f32 = 0.9;
+/// Matte from which on a pixel is not taken to show what is behind the fluid.
+const COVERED: f32 = 0.02;
+
+/// How far the outline lets go of the matte: `asked`, or where that is negative what the clips' fluid wants.
+/// `tags` are those of the pieces, one per node.
+pub fn looseness(asked: f32, still: &Still, tags: &[&str], observer: &dyn Observer) -> f32 {
+    if asked >= 0.0 {
+        return asked;
+    }
+    let loose = tags.iter().filter(|tag| ["fire", "smoke"].contains(tag)).count();
+    if 2 * loose <= tags.len() || still.matte.data.iter().all(|&m| m == 1.0) {
+        return 0.0;
+    }
+    observer.note("fire and smoke: the outline moves (database.tau = 0.9); it stays with --set database.tau=0");
+    LOOSE
+}
+
+/// Takes the picture apart into fluid and background, which is the user's or made here; the second value is what was
+/// made here, at the picture's size, for a person to paint over.
+///
+/// # Errors
+/// A cancel.
+pub fn separate(still: &Still, observer: &dyn Observer) -> Result<(Layers, Option<Rgb8>)> {
+    let (working, matte) = (&still.working, &still.working_matte);
+    if let Some(background) = &still.background {
+        let small = resize_rgb8(background, working.width(), working.height()).to_color();
+        let layers = Layers::split((&still.picture, &still.matte), (working, matte), (background, &small), true);
+        return Ok((layers, None));
+    }
+    stage(observer, "background", 0, || {
+        observer.note("no background given: what the fluid uncovers is made up from the rest of the picture");
+        let filled = inpaint(working, &matte.map(|m| if m > COVERED { 1.0 } else { 0.0 }));
+        let (width, height) = (still.picture.width, still.picture.height);
+        let background = resize_color(&filled, width, height).to_rgb8();
+        let layers = Layers::split((&still.picture, &still.matte), (working, matte), (&background, &filled), false);
+        let (width, height) = still.map.picture;
+        let made = resize_rgb8(&layers.background, width, height);
+        Ok((layers, Some(made)))
+    })
+}
+
+/// The outline of every frame, in order.
+#[derive(Clone)]
+pub struct Outline {
+    state: Option<Moving>,
+    matte: Plane,
+}
+
+/// An outline that moves, within the part of the picture that it can reach.
+#[derive(Clone)]
+struct Moving {
+    boundary: Boundary,
+    /// Left, top, width and height of that part, working pixels.
+    part: [usize; 4],
+    /// The part's matte, and its luma without differences.
+    matte: Plane,
+    still: Plane,
+    last: Option<Plane>,
+}
+
+impl Outline {
+    /// An outline that stays at the matte.
+    pub fn fixed(matte: &Plane) -> Self {
+        Self { state: None, matte: matte.clone() }
+    }
+
+    /// An outline that lets go of the matte of `layers` by `tau`; `luma` is that of the recovered fluid.
+    pub fn new(layers: &Layers, luma: &Plane, tau: f32) -> Self {
+        let part = extent(&layers.reach);
+        let matte = crop(&layers.matte, part);
+        let boundary = Boundary::new(&matte, tau);
+        let state = (tau > 0.0).then(|| Moving { boundary, part, matte, still: crop(luma, part), last: None });
+        Self { state, matte: layers.matte.clone() }
+    }
+
+    /// The outlines of consecutive frames, given as luma differences at working size.
+    pub fn follow(&mut self, differences: &[Plane]) -> Vec<Plane> {
+        let Some(moving) = &mut self.state else { return vec![self.matte.clone(); differences.len()] };
+        let mut lumas: Vec<Plane> = moving.last.take().into_iter().collect();
+        let started = lumas.len();
+        lumas.extend(differences.iter().map(|d| moving.luma(d)));
+        let flows = par::map(lumas.len().saturating_sub(1), |i| fluid_flow(&lumas[i], &lumas[i + 1], &moving.matte));
+        let mut outlines = Vec::with_capacity(differences.len());
+        if started == 0 && !differences.is_empty() {
+            outlines.push(moving.whole(self.matte.width, self.matte.height));
+        }
+        for flow in &flows {
+            moving.boundary.step(flow);
+            outlines.push(moving.whole(self.matte.width, self.matte.height));
+        }
+        moving.last = lumas.pop();
+        outlines
+    }
+}
+
+impl Moving {
+    fn luma(&self, differences: &Plane) -> Plane {
+        let mut luma = crop(differences, self.part);
+        luma.data.iter_mut().zip(&self.still.data).for_each(|(l, s)| *l = (*l + s).clamp(0.0, 1.0));
+        luma
+    }
+
+    /// The outline on the whole working image.
+    fn whole(&self, width: usize, height: usize) -> Plane {
+        let [x, y, w, _] = self.part;
+        let mut out = Plane::zeros(width, height);
+        for (j, row) in self.boundary.now().data.chunks_exact(w.max(1)).enumerate() {
+            out.row_mut(y + j)[x..x + w].copy_from_slice(row);
+        }
+        out
+    }
+}
+
+/// Left, top, width and height of the part of a plane that is above 0.
+fn extent(plane: &Plane) -> [usize; 4] {
+    let columns = (0..plane.width).filter(|&x| (0..plane.height).any(|y| plane.at(x, y) > 0.0));
+    let rows = (0..plane.height).filter(|&y| plane.row(y).iter().any(|&v| v > 0.0));
+    let span = |mut places: Box<dyn Iterator<Item = usize> + '_>| {
+        let first = places.next().unwrap_or(0);
+        (first, places.last().unwrap_or(first) + 1 - first)
+    };
+    let ((x, width), (y, height)) = (span(Box::new(columns)), span(Box::new(rows)));
+    [x, y, width, height]
+}
+
+fn crop(plane: &Plane, [x, y, width, height]: [usize; 4]) -> Plane {
+    let data = (y..y + height).flat_map(|y| &plane.row(y)[x..x + width]).copied().collect();
+    Plane::from_vec(width, height, data)
+}
