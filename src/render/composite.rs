@@ -210,14 +210,13 @@ impl Strip {
         };
         let base = std::array::from_fn(|c| {
             let (recovered, working) = (enlarged(&still.recovered.planes[c]), enlarged(&still.working.planes[c]));
-            let pairs = recovered.data.iter().zip(&working.data).zip(&m).zip(places());
-            let base = |(((r, w), m), (x, y)): (((&f32, &f32), &f32), (usize, usize))| {
-                let p = f32::from(picture.pixel(x, y)[c]) / 255.0;
+            let base = |(i, (x, y)): (usize, (usize, usize))| {
+                let (p, r, w) = (f32::from(picture.pixel(x, y)[c]) / 255.0, recovered.data[i], working.data[i]);
                 // Before a background the fluid's colour does not hold the picture's, which may show what is behind it.
-                let colour = if layers.is_some() { r + m * (p - w) } else { p + m * (r - w) };
+                let colour = if layers.is_some() { r + m[i] * (p - w) } else { p + m[i] * (r - w) };
                 (colour.clamp(0.0, 1.0) * COLOUR_STEPS + 0.5) as u16
             };
-            pairs.map(base).collect()
+            places().enumerate().map(base).collect()
         });
         let slope = still.slope.planes.each_ref().map(|plane| {
             let whole = layers.is_some();

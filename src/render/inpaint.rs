@@ -234,10 +234,10 @@ impl Matches {
             let shift = |bits: u64| rng::below(bits, 2 * radius as u64 + 1) as isize - radius as isize;
             let (x, y) = (centre % self.width, centre / self.width);
             let moved = x.checked_add_signed(shift(chance)).zip(y.checked_add_signed(shift(rng::hash(chance, &[1]))));
-            if let Some((x, y)) = moved.filter(|&(x, y)| x < level.width && y < level.height) {
-                if level.whole[y * level.width + x] {
-                    centre = offer(y * level.width + x, &mut least);
-                }
+            if let Some((x, y)) = moved.filter(|&(x, y)| x < level.width && y < level.height)
+                && level.whole[y * level.width + x]
+            {
+                centre = offer(y * level.width + x, &mut least);
             }
             (radius, k) = (radius / 2, k + 1);
         }
