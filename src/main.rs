@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use enliven::base::error::Result;
 use enliven::cli::common::{Common, exit};
-use enliven::cli::{animate, demo, methods};
+use enliven::cli::{animate, demo, measure, methods};
 
 /// Bring a still picture of water, fire or smoke to life.
 #[derive(Parser)]
@@ -21,6 +21,7 @@ struct Cli {
 enum Command {
     Demo(demo::Demo),
     Animate(Box<animate::Animate>),
+    Measure(measure::Measure),
     Methods(methods::Methods),
 }
 
@@ -29,6 +30,7 @@ fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Demo(command) => command.run(&terminal),
         Command::Animate(command) => command.run(&terminal),
+        Command::Measure(command) => command.run(&terminal),
         Command::Methods(command) => command.run(),
     }
 }

@@ -322,6 +322,87 @@ fn scene_files_are_refused_with_key_or_line() {
     }
 }
 
+/// The value of a measure in what `enliven measure --json` printed.
+fn measured<'a>(report: &'a Value, name: &str) -> &'a Value {
+    let rows = report["measures"].as_array().unwrap();
+    &rows.iter().find(|row| row["name"] == name).unwrap_or_else(|| panic!("no {name}"))["value"]
+}
+
+#[test]
+fn a_video_is_measured_by_what_is_known_of_it() {
+    let folder = studio();
+    let at = |name: &str| folder.path().join(name);
+    common::write_clip(&at("real.y4m"), 1);
+    succeed(folder.path(), "enliven animate picture.png --matte matte.png --library l.pack --frames 40 -o x.mp4");
+    let report = |line: &str| -> Value { serde_json::from_slice(&succeed(folder.path(), line).stdout).unwrap() };
+
+    let before = tree(folder.path());
+    let whole = report("enliven measure x.mp4 --reference real.y4m --json");
+    assert_eq!(tree(folder.path()), before);
+    assert_eq!((&whole["frames"], &whole["fps"], &whole["loops"]), (&40.into(), &25.0.into(), &true.into()));
+    let rows = whole["measures"].as_array().unwrap();
+    let missing: Vec<&str> = rows.iter().filter(|r| r["value"].is_null()).map(|r| r["name"].as_str().unwrap()).collect();
+    assert_eq!(missing, ["direction error", "speed correlation"]);
+    // The library holds no frame of the picture, but the motion is borrowed from this very clip.
+    assert!(measured(&whole, "dynamics distance").as_f64().unwrap() < 0.2);
+    assert!((0.3..3.0).contains(&measured(&whole, "loop ratio").as_f64().unwrap()));
+
+    let table = stdout(&succeed(folder.path(), "enliven measure x.mp4"));
+    assert!(table.starts_with("x.mp4: 40 frames of 112 × 80 at 25 per second"), "{table}");
+    assert!(table.contains("n/a") && table.contains("[needs: reference]"), "{table}");
+
+    fs::remove_file(at("x.summary.json")).unwrap();
+    let scene_only = report("enliven measure x.mp4 --json");
+    assert!(measured(&scene_only, "seam ratio").is_null() && !measured(&scene_only, "colour distance").is_null());
+    fs::remove_file(at("x.scene.toml")).unwrap();
+    let bare = succeed(folder.path(), "enliven measure x.mp4 --json");
+    assert!(stderr(&bare).contains("no scene is known: all of the video is measured"));
+    let bare: Value = serde_json::from_slice(&bare.stdout).unwrap();
+    assert!(measured(&bare, "colour distance").is_null() && !measured(&bare, "warp error").is_null());
+    assert_eq!(bare["loops"], false);
+    fs::write(at("down.toml"), "picture = 'picture.png'\n[motion]\ndirection = 90\n").unwrap();
+    let asked = report("enliven measure x.mp4 --scene down.toml --json");
+    assert!((0.0..180.0).contains(&measured(&asked, "direction error").as_f64().unwrap()));
+}
+
+#[test]
+fn measure_refuses_what_it_cannot_measure() {
+    let folder = studio();
+    let at = |name: &str| folder.path().join(name);
+    let frames = |name: &str, count: usize| {
+        fs::create_dir(at(name)).unwrap();
+        for t in 0..count {
+            let pixel = |i: usize| (i * 7 + t * 31) as u8;
+            let frame = Rgb8 { width: 112, height: 80, data: (0..112 * 80 * 3).map(pixel).collect() };
+            write_png(&at(name).join(format!("{t:05}.png")), &frame).unwrap();
+        }
+    };
+    frames("few", 3);
+    frames("enough", 10);
+    fs::write(at("half.toml"), "picture = 'picture.png'\n[output]\nsize = [56, 40]\n").unwrap();
+    frames("recorded", 10);
+    fs::write(at("recorded.summary.json"), "{}").unwrap();
+    let cases: &[(&str, i32, &[&str])] = &[
+        ("none.mp4", FAILED, &["none.mp4: cannot open", "there is no such file", "check the name"]),
+        ("l.pack", FAILED, &["l.pack: not a video file of any known kind"]),
+        ("empty", FAILED, &["empty: no PNG or JPEG pictures"]),
+        ("few", FAILED, &["few: 3 are too few frames to measure", "at least 8", "longer video"]),
+        ("enough --scene half.toml", FAILED, &["enough: its frames are 112 × 80 pixels, the scene's 56 × 40"]),
+        ("enough --scene none.toml", FAILED, &["none.toml: there is no such file"]),
+        ("enough --reference none.mp4", FAILED, &["none.mp4: ", "there is no such file"]),
+        ("enough --reference text.png", FAILED, &["text.png: not a video"]),
+        ("enough --reference few", FAILED, &["few: 3 frames at 25 a second are too few", "at least 32"]),
+        ("enough --reference-size 3", USAGE, &["--reference-size: 3 is out of range", "16 to 4096"]),
+        ("recorded", FAILED, &["recorded.summary.json: cannot be read as the summary of a run", "move this file"]),
+    ];
+    for (arguments, code, parts) in cases {
+        refuse(folder.path(), &format!("enliven measure {arguments}"), *code, parts);
+    }
+    common::write_clip(&at("real.y4m"), 1);
+    let black = "enough --reference real.y4m --reference-matte black.png";
+    refuse(folder.path(), &format!("enliven measure {black}"), FAILED, &["black.png: no pixel is at least half white"]);
+}
+
 #[test]
 fn a_library_is_built_shown_and_checked() {
     let folder = tempfile::tempdir().unwrap();

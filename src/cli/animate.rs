@@ -257,7 +257,7 @@ fn refuse_input(output: &Path, file: &SceneFile) -> Result<()> {
 }
 
 /// `falls.mp4` and `scene.toml` to `falls.scene.toml`; a folder keeps its whole name.
-fn beside(output: &Path, what: &str) -> PathBuf {
+pub(super) fn beside(output: &Path, what: &str) -> PathBuf {
     let name = if output.is_dir() { output.file_name() } else { output.file_stem() };
     let mut name = name.unwrap_or_default().to_os_string();
     name.push(".");

@@ -3,4 +3,5 @@
 pub mod animate;
 pub mod common;
 pub mod demo;
+pub mod measure;
 pub mod methods;

@@ -10,6 +10,7 @@ pub mod footage;
 mod motion;
 pub mod nodes;
 mod patches;
+pub mod read;
 mod sharpness;
 mod sliced;
 mod spectrum;

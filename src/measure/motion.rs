@@ -32,7 +32,7 @@ pub const DIRECTION_ERROR: Measure = Measure {
     name: "direction error",
     unit: "degrees",
     definition: "mean angle between the measured motion (mean over time) and the motion asked for, weighted by the asked speed",
-    needs: "asked motion",
+    needs: "an asked direction",
     better: Better::Lower,
     compute: |subject| direction_error(subject),
 };
@@ -42,7 +42,7 @@ pub const SPEED_CORRELATION: Measure = Measure {
     name: "speed correlation",
     unit: "-1 to 1",
     definition: "correlation over the matte of the speed of the measured motion (mean over time) with the speed asked for",
-    needs: "asked motion of more than one speed",
+    needs: "asked speeds that differ",
     better: Better::Higher,
     compute: |subject| speed_correlation(subject),
 };
@@ -188,9 +188,13 @@ fn direction_error(subject: &Subject) -> Option<f64> {
 }
 
 fn speed_correlation(subject: &Subject) -> Option<f64> {
-    let asked = measured_and_asked(subject)?.into_iter().filter(|[_, asked]| length(*asked) >= STILL);
-    let pairs: Vec<(f64, f64)> = asked.map(|[m, a]| (f64::from(length(m)), f64::from(length(a)))).collect();
-    correlation(&pairs)
+    let asked = subject.asked_speed.cloned().or_else(|| subject.asked.map(Field::magnitude))?;
+    let (mean, _) = mean_motion(subject.footage)?;
+    let asked = resize(&asked, mean.width(), mean.height());
+    let (speed, inside) = (mean.magnitude(), small_inside(subject.footage));
+    let counts = |i: &usize| inside[*i] && asked.data[*i] >= STILL;
+    let pair = |i: usize| (f64::from(speed.data[i]), f64::from(asked.data[i]));
+    correlation(&(0..inside.len()).filter(counts).map(pair).collect::<Vec<_>>())
 }
 
 /// Pearson's correlation; `None` when either side hardly varies (by less than a hundredth of its mean).

@@ -3,6 +3,7 @@
 use super::footage::Footage;
 use super::nodes::Node;
 use crate::flow::field::Field;
+use crate::raster::image::Plane;
 
 /// How often each source (a piece, a patch of an exemplar) was used.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -25,8 +26,12 @@ pub struct Subject<'a> {
     pub picture: Option<&'a Footage>,
     /// A real clip, which it should move like; without a picture also what it should look like.
     pub reference: Option<&'a Footage>,
-    /// The motion asked for, pixels per frame, of the footage's size; zero where nothing was asked.
+    /// The motion asked for, pixels per frame (of length 1 where only a direction was asked), of the footage's size;
+    /// zero where nothing was asked.
     pub asked: Option<&'a Field>,
+    /// The speed asked for, pixels per frame, of the footage's size; zero where nothing was asked. Without it the length
+    /// of `asked` counts.
+    pub asked_speed: Option<&'a Plane>,
     /// The pieces it was made of.
     pub nodes: &'a [Node],
     /// How often each source was used.
@@ -38,7 +43,7 @@ pub struct Subject<'a> {
 impl<'a> Subject<'a> {
     /// A video of which nothing else is known.
     pub fn new(footage: &'a Footage) -> Self {
-        Self { footage, picture: None, reference: None, asked: None, nodes: &[], usage: None, seed: 1 }
+        Self { footage, picture: None, reference: None, asked: None, asked_speed: None, nodes: &[], usage: None, seed: 1 }
     }
 
     /// What the frames should look like: the picture, or else the reference.
