@@ -45,7 +45,10 @@ fn clips() -> Result<Vec<PathBuf>> {
 }
 
 fn run() -> Result<()> {
-    println!("{:28} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}", "dynamics distance", "floor", "frozen", "shuffled", "reversed", "half speed", "seed 2");
+    println!(
+        "{:28} {:>9} {:>9} {:>9} {:>9} {:>9} {:>9}",
+        "dynamics distance", "floor", "frozen", "shuffled", "reversed", "half speed", "seed 2"
+    );
     for path in clips()? {
         let frames = reference(&path, FPS, LONG_SIDE, &Silent)?;
         let (first, second) = frames.split_at(frames.len() / 2);

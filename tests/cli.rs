@@ -341,7 +341,8 @@ fn a_video_is_measured_by_what_is_known_of_it() {
     assert_eq!(tree(folder.path()), before);
     assert_eq!((&whole["frames"], &whole["fps"], &whole["loops"]), (&40.into(), &25.0.into(), &true.into()));
     let rows = whole["measures"].as_array().unwrap();
-    let missing: Vec<&str> = rows.iter().filter(|r| r["value"].is_null()).map(|r| r["name"].as_str().unwrap()).collect();
+    let missing: Vec<&str> =
+        rows.iter().filter(|r| r["value"].is_null()).map(|r| r["name"].as_str().unwrap()).collect();
     assert_eq!(missing, ["direction error", "speed correlation"]);
     // The library holds no frame of the picture, but the motion is borrowed from this very clip.
     assert!(measured(&whole, "dynamics distance").as_f64().unwrap() < 0.2);
@@ -382,11 +383,15 @@ fn measure_refuses_what_it_cannot_measure() {
     fs::write(at("half.toml"), "picture = 'picture.png'\n[output]\nsize = [56, 40]\n").unwrap();
     frames("recorded", 10);
     fs::write(at("recorded.summary.json"), "{}").unwrap();
+    let frame = [b"FRAME\n".as_slice(), &[128; 16 * 16 * 3 / 2]].concat();
+    let long = [b"YUV4MPEG2 W16 H16 F25:1 Ip A1:1 C420jpeg\n".as_slice(), &frame.repeat(3001)].concat();
+    fs::write(at("long.y4m"), long).unwrap();
     let cases: &[(&str, i32, &[&str])] = &[
         ("none.mp4", FAILED, &["none.mp4: cannot open", "there is no such file", "check the name"]),
         ("l.pack", FAILED, &["l.pack: not a video file of any known kind"]),
         ("empty", FAILED, &["empty: no PNG or JPEG pictures"]),
         ("few", FAILED, &["few: 3 are too few frames to measure", "at least 8", "longer video"]),
+        ("long.y4m", FAILED, &["long.y4m: it has more than 3000 frames", "cut a part"]),
         ("enough --scene half.toml", FAILED, &["enough: its frames are 112 × 80 pixels, the scene's 56 × 40"]),
         ("enough --scene none.toml", FAILED, &["none.toml: there is no such file"]),
         ("enough --reference none.mp4", FAILED, &["none.mp4: ", "there is no such file"]),

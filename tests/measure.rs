@@ -2,7 +2,7 @@
 
 use enliven::base::rng;
 use enliven::flow::field::Field;
-use enliven::measure::{self, Footage, Node, Subject, Usage, node_field};
+use enliven::measure::{self, Footage, Node, Subject, Usage};
 use enliven::raster::filter::gaussian;
 use enliven::raster::image::{Color, Plane, Rgb8};
 
@@ -81,12 +81,12 @@ fn known(frames: &[Color]) -> Known {
     let grid = |size: usize| (0..=(size - SIDE) / STRIDE).map(|i| (i * STRIDE) as f32);
     let node = |x: f32, y: f32| {
         let speed = 1.0 + share_of_fast(y as usize + SIDE / 2);
-        Node { x, y, side: SIDE as f32, motion: (speed, 0.0), activity: speed }
+        Node { x, y, side: SIDE as f32, activity: speed }
     };
     let nodes: Vec<Node> = grid(HEIGHT).flat_map(|y| grid(WIDTH).map(move |x| node(x, y))).collect();
-    let vectors: Vec<_> = nodes.iter().map(|n| Some(n.motion)).collect();
+    let speed = Plane::from_fn(WIDTH, HEIGHT, |_, y| 1.0 + share_of_fast(y));
     Known {
-        asked: node_field(&nodes, (WIDTH, HEIGHT), &vectors),
+        asked: Field { u: speed, v: Plane::zeros(WIDTH, HEIGHT) },
         usage: Usage { counts: vec![1; nodes.len()], sources: 10_000 },
         picture: Footage::still(frames[0].to_rgb8(), None).unwrap(),
         reference: footage(&waves(77, [2, 1]), true),

@@ -104,17 +104,14 @@ impl Measure {
         }
         let fps = record.map_or(video.fps, |record| record.scene.output.fps);
         let loops = self.loops || record.is_some();
-        let footage = Footage::new(video.frames.clone(), fps, loops, matte).map_err(|e| e.about(self.video.display()))?;
+        let footage =
+            Footage::new(video.frames.clone(), fps, loops, matte).map_err(|e| e.about(self.video.display()))?;
         let size = (footage.width(), footage.height());
         let picture = still.as_ref().map(|still| Footage::still(resize_rgb8(&still.picture, size.0, size.1), matte));
-        let scene_file = scene.as_ref().map(Scene::settings);
-        let reference = self.reference.clone().or_else(|| scene_file.and_then(|file| file.reference.clone()));
+        let of_scene = || scene.as_ref().and_then(|scene| scene.settings().reference.clone());
+        let reference = self.reference.clone().or_else(of_scene);
         let reference = reference.map(|path| self.reference(path, &footage, matte, observer)).transpose()?;
-        let known = match (record, scene_file) {
-            (Some(record), _) => Known::of_run(record, size),
-            (None, Some(file)) => Known::of_scene(file, size),
-            (None, None) => Known::default(),
-        };
+        let known = Known::new(record, still.as_ref().and_then(|still| still.asked.as_ref()), size);
         Ok(Inputs { footage, picture: picture.transpose()?, reference, known })
     }
 
@@ -208,6 +205,7 @@ fn measure(inputs: &Inputs, observer: &dyn Observer) -> Result<Vec<Value>> {
         picture: picture.as_ref(),
         reference: reference.as_ref().map(|r| &r.1),
         asked: known.asked.as_ref(),
+        asked_speed: known.asked_speed.as_ref(),
         nodes: &known.nodes,
         usage: known.usage.as_ref(),
         ..Subject::new(footage)

@@ -182,3 +182,35 @@ pub fn shrunk((width, height): (usize, usize), long: usize) -> (usize, usize) {
     let of = |side: usize| ((side as f64 * ratio).round() as usize).max(1);
     (of(width), of(height))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_and_mattes_that_cannot_be_measured_are_refused() {
+        let frame = Rgb8::black;
+        let says = |frames: Vec<Rgb8>, matte: Option<&Plane>, part: &str| {
+            let error = Footage::new(frames, 25.0, false, matte).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        };
+        says(vec![], None, "it has no frames");
+        says(vec![frame(8, 4), frame(8, 5)], None, "frame 1 has 8 × 5 pixels (allowed: 8 × 4)");
+        says(vec![frame(8, 4)], Some(&Plane::filled(8, 4, 0.4)), "no pixel is at least half white");
+    }
+
+    #[test]
+    fn a_recorder_shrinks_and_a_matte_is_brought_to_its_size() {
+        let mut recorder = Recorder::new(32);
+        for _ in 0..3 {
+            recorder.push(&Rgb8::black(64, 40)).unwrap();
+        }
+        let matte = Plane::from_fn(64, 40, |x, _| if x < 32 { 1.0 } else { 0.0 });
+        let footage = recorder.into_footage(25.0, true, Some(&matte)).unwrap();
+        assert_eq!((footage.width(), footage.height(), footage.frames().len()), (32, 20, 3));
+        assert_eq!(footage.pixels().len(), 16 * 20);
+        assert_eq!(footage.steps(), [(0, 1), (1, 2), (2, 0)]);
+        assert_eq!(footage.part(1..3).steps(), [(0, 1)]);
+        assert_eq!(spread(10, 4), [0, 2, 5, 7]);
+    }
+}

@@ -17,7 +17,7 @@ mod spectrum;
 pub mod subject;
 
 pub use footage::{Footage, Recorder};
-pub use nodes::{Node, node_field};
+pub use nodes::Node;
 pub use subject::{Subject, Usage};
 
 /// Which way a measure is better.

@@ -4,7 +4,6 @@ use super::footage::{Footage, spread};
 use super::subject::Subject;
 use super::{Better, Measure};
 use crate::base::par;
-use crate::flow::field::Field;
 use crate::raster::image::Plane;
 
 /// Steps from frame to frame that seams are looked for in.
@@ -23,8 +22,6 @@ pub struct Node {
     pub y: f32,
     /// Length of its sides.
     pub side: f32,
-    /// Mean motion of its piece (u, v), pixels per frame.
-    pub motion: (f32, f32),
     /// Mean length of its piece's motion, pixels per frame.
     pub activity: f32,
 }
@@ -65,39 +62,24 @@ pub const USAGE_ENTROPY: Measure = Measure {
     },
 };
 
-/// Values of the nodes at every pixel of a `width` × `height` image, as a mean of the nodes there, weighted by a tent
-/// over each; zero where no node lies or none has a value.
-fn rasterise(nodes: &[Node], (width, height): (usize, usize), value: impl Fn(usize) -> Option<[f32; 2]>) -> [Plane; 2] {
-    let plane = || Plane::zeros(width, height);
-    let (mut sums, mut weights) = ([plane(), plane()], plane());
-    for (node, value) in nodes.iter().enumerate().filter_map(|(i, node)| Some((node, value(i)?))) {
+/// The pieces' activity at every pixel of a `width` × `height` image, pixels per frame: a mean of the nodes there,
+/// weighted by a tent over each; zero where no node lies. `None` without nodes.
+pub(super) fn activity(nodes: &[Node], (width, height): (usize, usize)) -> Option<Plane> {
+    let (mut sum, mut weights) = (Plane::zeros(width, height), Plane::zeros(width, height));
+    for node in nodes {
         let tent = |p: usize, low: f32| (1.0 - 2.0 * ((p as f32 + 0.5 - low) / node.side - 0.5).abs()).max(0.0);
         let range =
             |low: f32, size: usize| low.max(0.0) as usize..((low + node.side).ceil().max(0.0) as usize).min(size);
         for y in range(node.y, height) {
             for x in range(node.x, width) {
                 let weight = tent(x, node.x) * tent(y, node.y);
-                sums.iter_mut().zip(value).for_each(|(sum, v)| *sum.at_mut(x, y) += weight * v);
+                *sum.at_mut(x, y) += weight * node.activity;
                 *weights.at_mut(x, y) += weight;
             }
         }
     }
-    sums.map(|sum| {
-        let data = sum.data.iter().zip(&weights.data).map(|(s, w)| if *w > 0.0 { s / w } else { 0.0 });
-        Plane::from_vec(width, height, data.collect())
-    })
-}
-
-/// A vector per node as a motion field of `size` pixels; zero where there is none.
-pub fn node_field(nodes: &[Node], size: (usize, usize), vectors: &[Option<(f32, f32)>]) -> Field {
-    let [u, v] = rasterise(nodes, size, |i| vectors.get(i).copied().flatten().map(|(u, v)| [u, v]));
-    Field { u, v }
-}
-
-/// The pieces' activity at every pixel, pixels per frame; `None` without nodes.
-pub(super) fn activity(nodes: &[Node], size: (usize, usize)) -> Option<Plane> {
-    let [activity, _] = rasterise(nodes, size, |i| Some([nodes[i].activity, 0.0]));
-    (!nodes.is_empty()).then_some(activity)
+    sum.data.iter_mut().zip(&weights.data).filter(|(_, w)| **w > 0.0).for_each(|(s, w)| *s /= w);
+    (!nodes.is_empty()).then_some(sum)
 }
 
 /// Where two neighbouring pieces hand over, along x or y (which is called *across* here).

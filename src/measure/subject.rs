@@ -43,7 +43,16 @@ pub struct Subject<'a> {
 impl<'a> Subject<'a> {
     /// A video of which nothing else is known.
     pub fn new(footage: &'a Footage) -> Self {
-        Self { footage, picture: None, reference: None, asked: None, asked_speed: None, nodes: &[], usage: None, seed: 1 }
+        Self {
+            footage,
+            picture: None,
+            reference: None,
+            asked: None,
+            asked_speed: None,
+            nodes: &[],
+            usage: None,
+            seed: 1,
+        }
     }
 
     /// What the frames should look like: the picture, or else the reference.
