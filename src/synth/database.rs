@@ -374,7 +374,7 @@ fn frames(
     let levels = rendering.blender.levels();
     let stream = |(source, &(clip, phase)): (usize, &(usize, usize))| {
         let scales = levels.iter().filter(|l| l.source == source).map(|l| l.scale).collect();
-        Stream::new(&clips[clip], phase as f64 / phases as f64, output.frames, scales)
+        Stream::new(&clips[clip], stagger(clip) + phase as f64 / phases as f64, output.frames, scales)
     };
     let streams = placed.sources.iter().enumerate().map(stream).collect::<Result<Vec<_>>>()?;
     let block = (BLOCK_BYTES / frame_bytes(&streams).max(1)).clamp(par::threads().min(4), 16);
@@ -428,6 +428,13 @@ impl Writer<'_> {
             Ok(())
         })
     }
+}
+
+/// Phase of the loop at which the `clip`th clip begins, spread evenly however many there are (multiples of the golden
+/// ratio): with all loops closing at the same frame, their fades would be seen as one.
+fn stagger(clip: usize) -> f64 {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    (clip as f64 * GOLDEN).fract()
 }
 
 fn outcome(

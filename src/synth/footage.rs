@@ -12,9 +12,10 @@ use crate::raster::pyramid::reduce;
 use crate::raster::resample::resize;
 use crate::render::blend::{Bands, bands};
 use crate::render::contrast::Variance;
-use crate::video::looping::{Distances, LoopPlan, Part, plan_loop, thumbnail};
+use crate::render::layout::BANDS;
+use crate::video::looping::{Blend, Distances, LoopPlan, Part, plan_loop, thumbnail};
 
-/// Frames of a cross-fade where a loop closes.
+/// Most frames of a cross-fade where a loop closes.
 const FADE: usize = 20;
 /// A loop is looked for in the clip's first frames, this many times the frames of the output.
 const SEARCHED: usize = 2;
@@ -34,6 +35,8 @@ pub struct Clip {
     /// Its loop.
     pub plan: LoopPlan,
     variance: Vec<Variance>,
+    /// Per used scale and jump of the loop: how alike the two frames in the middle of the fade are, band by band.
+    alike: Vec<Vec<[f32; BANDS]>>,
 }
 
 impl Clip {
@@ -60,28 +63,47 @@ impl Clip {
         }
         let plan = plan_loop(&Distances::between(&thumbnails), frames, FADE)?;
         let average = loop_average(&plan, &lumas, size);
+        let of_frame = |frame: usize, scale: u8| {
+            let luma = lumas[frame].iter().map(|&l| f32::from(l) / 255.0).collect();
+            level_bands(&minus(Plane::from_vec(size.0, size.1, luma), &average), size, scale)
+        };
         let mut variance = vec![Variance::default(); scales.len()];
         for t in (0..frames).step_by(SAMPLE_STEP) {
-            let luma = lumas[plan.at(t).a.frame].iter().map(|&l| f32::from(l) / 255.0).collect();
-            let differences = minus(Plane::from_vec(size.0, size.1, luma), &average);
             for (variance, &scale) in variance.iter_mut().zip(&scales) {
-                variance.add(&level_bands(&differences, size, scale));
+                variance.add(&of_frame(plan.at(t).a.frame, scale));
             }
         }
-        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, variance })
+        let likeness = |&(a, b): &(usize, usize), scale| correlations(&of_frame(a, scale), &of_frame(b, scale));
+        let alike = |&scale: &u8| plan.middle().iter().map(|pair| likeness(pair, scale)).collect();
+        let alike = scales.iter().map(alike).collect();
+        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, variance, alike })
     }
 
     /// How strong its differences are at one of the scales it was studied at.
     pub fn variance(&self, scale: u8) -> Option<&Variance> {
         self.scales.iter().position(|&s| s == scale).map(|i| &self.variance[i])
     }
+
+    /// Factors of the bands that keep the contrast through a cross-fade: fine detail is unlike between two frames whose
+    /// coarse forms are still alike, so each band has its own.
+    fn gains(&self, blend: &Blend, scale: u8) -> [f32; BANDS] {
+        let alike = self.scales.iter().position(|&s| s == scale).and_then(|i| self.alike[i].get(blend.jump));
+        std::array::from_fn(|band| alike.map_or(1.0, |alike| blend.gain(alike[band])))
+    }
+}
+
+/// Correlation of two frames' differences, band by band.
+fn correlations(a: &Bands, b: &Bands) -> [f32; BANDS] {
+    let dot = |a: &Plane, b: &Plane| a.data.iter().zip(&b.data).map(|(a, b)| f64::from(a * b)).sum::<f64>();
+    let of = |k: usize| dot(&a[k], &b[k]) / (dot(&a[k], &a[k]) * dot(&b[k], &b[k])).sqrt().max(1e-12);
+    std::array::from_fn(|k| of(k) as f32)
 }
 
 /// A clip at a phase of its loop, being read forwards.
 pub struct Stream<'a> {
     clip: &'a Clip,
-    /// Share of the loop that it is ahead.
-    phase: f64,
+    /// Library frames of the loop that it is ahead.
+    ahead: usize,
     /// Frames of the output's loop.
     frames: usize,
     scales: Vec<u8>,
@@ -89,20 +111,22 @@ pub struct Stream<'a> {
 }
 
 impl<'a> Stream<'a> {
-    /// Shows the loop of `clip` once in `frames` output frames, at `scales` (ascending), from `phase` (0 to 1) of it on.
+    /// Shows the loop of `clip` once in `frames` output frames, at `scales` (ascending), from about the share `phase` of
+    /// it on (a whole number of library frames, so that they need not be mixed).
     ///
     /// # Errors
     /// A damaged pack.
     pub fn new(clip: &'a Clip, phase: f64, frames: usize, scales: Vec<u8>) -> Result<Self> {
         let readers = Mutex::new([clip.pack.frames(clip.clip)?, clip.pack.frames(clip.clip)?]);
-        Ok(Self { clip, phase, frames, scales, readers })
+        let ahead = (phase * clip.plan.length() as f64).round() as usize;
+        Ok(Self { clip, ahead, frames, scales, readers })
     }
 
     /// Frames of the loop that make up output frame `t`, with their weights: one, or two neighbours where the output
     /// has another rate than the library.
     fn loop_frames(&self, t: usize) -> [(usize, f32); 2] {
         let length = self.clip.plan.length();
-        let place = (t as f64 / self.frames as f64 + self.phase) * length as f64;
+        let place = t as f64 / self.frames as f64 * length as f64 + self.ahead as f64;
         let first = (place + 1e-6).floor();
         let share = (place - first).max(0.0) as f32;
         let share = if share < 1e-4 { 0.0 } else { share };
@@ -111,22 +135,47 @@ impl<'a> Stream<'a> {
 
     /// The bands of output frame `t`, for every scale that is used; cheapest in order of `t`.
     fn bands(&self, t: usize) -> Result<Vec<Bands>> {
+        let shown: Vec<_> = self.loop_frames(t).into_iter().filter(|f| f.1 > 0.0).collect();
+        let blends: Vec<_> = shown.iter().map(|&(place, share)| (self.clip.plan.at(place), share)).collect();
+        let differences = blends.iter().map(|(blend, _)| self.differences(blend)).collect::<Result<Vec<_>>>()?;
+        let of_scale = |&scale: &u8| {
+            let scaled = blends.iter().zip(&differences).map(|((blend, share), differences)| {
+                let gains = self.clip.gains(blend, scale).map(|gain| share * gain);
+                times(level_bands(differences, self.clip.size, scale), gains)
+            });
+            scaled.reduce(plus).expect("an output frame shows some library frame")
+        };
+        Ok(self.scales.iter().map(of_scale).collect())
+    }
+
+    /// The plain sum of a blend's frames as differences from the average.
+    fn differences(&self, blend: &Blend) -> Result<Plane> {
         // A reader holds nothing that an earlier panic could have left half-done: it seeks from a keyframe.
         let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
         let mut sum = Plane::zeros(self.clip.size.0, self.clip.size.1);
-        for (place, share) in self.loop_frames(t).into_iter().filter(|f| f.1 > 0.0) {
-            let blend = self.clip.plan.at(place);
-            let parts = [Some(blend.a), blend.b].into_iter().flatten();
-            for (reader, Part { frame, weight }) in readers.iter_mut().zip(parts) {
-                let luma = reader.at(frame)?.luma();
-                for ((s, l), a) in sum.data.iter_mut().zip(&luma.data).zip(&self.clip.average.data) {
-                    *s += share * weight * (l - a);
-                }
+        let parts = [Some(blend.a), blend.b].into_iter().flatten();
+        for (reader, Part { frame, weight }) in readers.iter_mut().zip(parts) {
+            let luma = reader.at(frame)?.luma();
+            for ((s, l), a) in sum.data.iter_mut().zip(&luma.data).zip(&self.clip.average.data) {
+                *s += weight * (l - a);
             }
         }
-        drop(readers);
-        Ok(self.scales.iter().map(|&scale| level_bands(&sum, self.clip.size, scale)).collect())
+        Ok(sum)
     }
+}
+
+fn times(mut bands: Bands, factors: [f32; BANDS]) -> Bands {
+    for (band, factor) in bands.iter_mut().zip(factors).filter(|(_, f)| *f != 1.0) {
+        band.data.iter_mut().for_each(|v| *v *= factor);
+    }
+    bands
+}
+
+fn plus(mut sum: Bands, bands: Bands) -> Bands {
+    for (sum, band) in sum.iter_mut().zip(&bands) {
+        sum.data.iter_mut().zip(&band.data).for_each(|(s, b)| *s += b);
+    }
+    sum
 }
 
 /// The bands of all streams for the output frames `range`, frame by frame, the levels of a frame ordered by stream and

@@ -15,10 +15,13 @@ use crate::raster::resample::resize;
 const THUMBNAIL_SIDE: usize = 64;
 /// Fewest frames of a cross-fade, where the clip has enough: a jump is judged over at least these.
 const MIN_FADE: usize = 4;
+/// Frames of a cross-fade per frame of the fluid's memory. A fade then changes the picture more slowly than the fluid
+/// does, and two pictures are not seen one through the other for longer than they would be remembered.
+const FADE_PER_MEMORY: usize = 3;
 /// Fewest frames between jumps, where clip and loop have enough.
 const MIN_SEGMENT: usize = 16;
 /// What a jump costs by itself, where 1 is a jump between unrelated frames: a repetition must make up for it.
-const JUMP_COST: f64 = 0.25;
+const JUMP_COST: f64 = 0.5;
 
 /// Luma shrunk to 64 pixels on the long side, to compare frames by.
 pub fn thumbnail(luma: &Plane) -> Plane {
@@ -64,6 +67,17 @@ impl Distances {
         f64::from(self.squared[i * self.frames + j])
     }
 
+    /// Frames after which half of what was to be seen has changed: the first lag with a mean difference of at least
+    /// half of that between unrelated frames. At least 1, and no more than a quarter of the clip.
+    pub fn memory(&self) -> usize {
+        let mean = |lag: usize| {
+            let count = self.frames.saturating_sub(lag).max(1);
+            (0..self.frames.saturating_sub(lag)).map(|i| self.at(i, i + lag)).sum::<f64>() / count as f64
+        };
+        let (longest, half) = ((self.frames / 4).max(1), 0.5 * self.unrelated());
+        (1..longest).find(|&lag| mean(lag) >= half).unwrap_or(longest)
+    }
+
     /// Mean over pairs of frames at least a quarter of the clip apart: what unrelated frames differ by. Not 0.
     fn unrelated(&self) -> f64 {
         let lag = (self.frames / 4).max(1);
@@ -96,15 +110,25 @@ pub struct Part {
     pub weight: f32,
 }
 
-/// What one output frame is made of: `mean + Σ weight · (frame − mean)`.
-///
-/// The weights of two parts are already divided so that the sum keeps the variance of one frame.
+/// What one output frame is made of: `mean + Σ weight · (frame − mean)`, the weights having the sum 1. Such a sum of
+/// unlike frames lacks contrast: see [`Blend::gain`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Blend {
     /// The frame that goes on.
     pub a: Part,
     /// During a cross-fade, the frame that is left.
     pub b: Option<Part>,
+    /// Number of the jump that is faded over, where there is a `b`; see [`LoopPlan::middle`].
+    pub jump: usize,
+}
+
+impl Blend {
+    /// Factor that gives the sum the contrast of one frame, when the two have a correlation of `correlation`:
+    /// `1 / √(w² + (1 − w)²)` for 0.
+    pub fn gain(&self, correlation: f32) -> f32 {
+        let product = self.b.map_or(0.0, |b| self.a.weight * b.weight);
+        1.0 / (1.0 - 2.0 * product * (1.0 - correlation.clamp(0.0, 1.0))).sqrt()
+    }
 }
 
 /// A run of consecutive source frames.
@@ -114,8 +138,6 @@ struct Segment {
     begin: usize,
     /// Output frames until the next segment begins.
     length: usize,
-    /// Correlation of the frames faded between when it is left, in [0, 1].
-    correlation: f64,
 }
 
 /// Which source frames make up a seamless loop.
@@ -160,21 +182,26 @@ impl LoopPlan {
         let t = t % self.length;
         let current = self.segments.partition_point(|segment| segment.begin <= t) - 1;
         let k = t - self.segments[current].begin;
-        let left = self.segments[(current + self.segments.len() - 1) % self.segments.len()];
+        let jump = (current + self.segments.len() - 1) % self.segments.len();
         let a = self.start + k;
         if k >= self.fade {
-            return Blend { a: Part { frame: a, weight: 1.0 }, b: None };
+            return Blend { a: Part { frame: a, weight: 1.0 }, b: None, jump };
         }
-        let w = (k + 1) as f64 / (self.fade + 1) as f64;
-        // Variance of `w A + (1 − w) B` for unit variances; √(w² + (1 − w)²) when A and B are independent.
-        let norm = (w * w + (1.0 - w) * (1.0 - w) + 2.0 * left.correlation * w * (1.0 - w)).sqrt();
-        let part = |frame: usize, weight: f64| Part { frame, weight: (weight / norm) as f32 };
-        Blend { a: part(a, w), b: Some(part(self.start + left.length + k, 1.0 - w)) }
+        let w = (k + 1) as f32 / (self.fade + 1) as f32;
+        let b = Part { frame: self.start + self.segments[jump].length + k, weight: 1.0 - w };
+        Blend { a: Part { frame: a, weight: w }, b: Some(b), jump }
+    }
+
+    /// The two frames in the middle of the fade over each jump; none where there is no fade.
+    pub fn middle(&self) -> Vec<(usize, usize)> {
+        let first = self.start + self.fade / 2;
+        let pair = |segment: &Segment| (first, first + segment.length);
+        if self.fade == 0 { Vec::new() } else { self.segments.iter().map(pair).collect() }
     }
 }
 
-/// Plans a loop of `length` frames over a clip, with cross-fades of about `fade` frames (at most a quarter of the clip
-/// and half of the loop, at least 4 where these allow).
+/// Plans a loop of `length` frames over a clip, with cross-fades of at most `fade` frames (and a quarter of the clip and
+/// half of the loop; at least 4 where these allow). Quick fluids get shorter ones: see [`Distances::memory`].
 ///
 /// # Errors
 /// A clip or a loop without frames.
@@ -184,7 +211,7 @@ pub fn plan_loop(distances: &Distances, length: usize, fade: usize) -> Result<Lo
         let problem = format!("{frames} frames cannot become a loop of {length}");
         return Err(Error::new(Kind::Unusable, "loop", problem).allowed("at least 1 of each"));
     }
-    let fade = fade.max(MIN_FADE).min(frames / 4).min(length / 2);
+    let fade = fade.min(FADE_PER_MEMORY * distances.memory()).max(MIN_FADE).min(frames / 4).min(length / 2);
     let longest = frames - fade;
     // Any sum can be reached when twice the shortest is at most one more than the longest.
     let shortest = MIN_SEGMENT.max(2 * fade).min(longest.div_ceil(2)).min(length).max(1);
@@ -207,7 +234,7 @@ pub fn plan_loop(distances: &Distances, length: usize, fade: usize) -> Result<Lo
     };
     let mut begin = 0;
     let segments = lengths.into_iter().map(|length| {
-        let segment = Segment { begin, length, correlation: (1.0 - cost(start, length)).clamp(0.0, 1.0) };
+        let segment = Segment { begin, length };
         begin += length;
         segment
     });
@@ -278,12 +305,24 @@ mod tests {
 
     fn render(frames: &[Plane], mean: &Plane, plan: &LoopPlan, t: usize) -> Plane {
         let blend = plan.at(t);
+        let of = |frame: usize| minus(&frames[frame], mean);
+        let correlations: Vec<f64> = plan.middle().iter().map(|&(a, b)| cosine(&of(a), &of(b))).collect();
+        let gain = blend.b.map_or(1.0, |_| blend.gain(correlations[blend.jump] as f32));
         let mut out = mean.clone();
         for part in [Some(blend.a), blend.b].into_iter().flatten() {
             let pixels = out.data.iter_mut().zip(&frames[part.frame].data).zip(&mean.data);
-            pixels.for_each(|((o, f), m)| *o += part.weight * (f - m));
+            pixels.for_each(|((o, f), m)| *o += gain * part.weight * (f - m));
         }
         out
+    }
+
+    fn minus(a: &Plane, b: &Plane) -> Plane {
+        Plane::from_vec(a.width, a.height, a.data.iter().zip(&b.data).map(|(a, b)| a - b).collect())
+    }
+
+    fn cosine(a: &Plane, b: &Plane) -> f64 {
+        let dot = |a: &Plane, b: &Plane| a.data.iter().zip(&b.data).map(|(a, b)| f64::from(a * b)).sum::<f64>();
+        dot(a, b) / (dot(a, a) * dot(b, b)).sqrt().max(1e-12)
     }
 
     fn rms(a: &Plane, b: &Plane) -> f64 {
@@ -299,8 +338,7 @@ mod tests {
             assert!(plan.segments().iter().all(|l| l % 20 == 0), "{length}: {:?}", plan.segments());
             assert!(plan.worst_jump() < 1e-3);
             // Equal frames are not made stronger by the fade.
-            let blend = plan.at(4);
-            assert!((blend.a.weight + blend.b.unwrap().weight - 1.0).abs() < 1e-3);
+            assert_eq!(plan.at(2).gain(1.0), 1.0);
         }
     }
 
@@ -331,6 +369,16 @@ mod tests {
             let faded = contrast(&render(&frames, &mean, &plan, t));
             assert!((faded / plain - 1.0).abs() < 0.04, "{t}: {faded} against {plain}");
         }
+    }
+
+    #[test]
+    fn quick_fluids_get_short_fades() {
+        let fade = |step: f64| {
+            let frames = moving_texture(120, step, 100_003);
+            plan_loop(&Distances::between(&frames), 60, 20).unwrap().fade()
+        };
+        assert_eq!(fade(0.2), 20);
+        assert!(fade(1.0) < 15 && fade(1.0) > fade(4.0), "{} {}", fade(1.0), fade(4.0));
     }
 
     #[test]
