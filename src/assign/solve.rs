@@ -60,7 +60,7 @@ impl Solution {
 /// Sweeps over which the messages must gain something to go on.
 const PATIENCE: usize = 10;
 /// This share of what lies between energy and bound.
-const LEAST_PROGRESS: f64 = 0.02;
+const LEAST_PROGRESS: f64 = 0.05;
 
 /// Finds labels. Entries with the same number in `groups` (one per candidate; may be empty) are proposed together.
 ///
