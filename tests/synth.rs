@@ -305,7 +305,8 @@ fn footage_is_played_as_fast_as_is_asked() {
     let mut activities = Vec::new();
     for (speed, wanted) in [(0.7, 0.5), (1.4, 1.0), (2.8, 2.0)] {
         let (frames, outcome) = stage.run(&with_strokes(&stage, speed), &Silent).unwrap();
-        assert!(frames.len() == 8 && frames != plain);
+        // At the footage's own speed and direction, what is asked may be what is chosen anyhow.
+        assert!(frames.len() == 8 && (wanted == 1.0 || frames != plain), "asked {speed}");
         let assignment = outcome.record.assignment.unwrap();
         for node in &assignment.nodes {
             assert_eq!(node.asked.map(|(_, v)| v > 0.999), Some(true));
