@@ -13,7 +13,7 @@ use std::sync::OnceLock;
 
 use assert_cmd::Command;
 use enliven::raster::image::{Plane, Rgb8};
-use enliven::raster::picture_io::{write_grey_png, write_png};
+use enliven::raster::picture_io::{read_picture, write_grey_png, write_png};
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -571,6 +571,44 @@ fn help_and_methods_are_complete() {
         assert_eq!(output.status.code(), Some(USAGE));
         assert!(stderr(&output).contains("Usage"), "{}", stderr(&output));
     }
+}
+
+#[test]
+fn frames_can_be_made_in_parts() {
+    let folder = studio();
+    let run = |rest: &str| {
+        succeed(folder.path(), &format!("enliven animate picture.png --library l.pack --frames 12 --quiet {rest}"));
+    };
+    run("-o whole");
+    run("-o parts --frames-range 5..12");
+    let numbers = |name: &str| fs::read_dir(folder.path().join(name)).unwrap().count();
+    assert_eq!((numbers("whole"), numbers("parts")), (12, 7));
+    run("-o parts --frames-range 0..6");
+    assert_eq!(numbers("parts"), 12);
+    for i in 0..12 {
+        let read = |name: &str| fs::read(folder.path().join(name).join(format!("{i:05}.png"))).unwrap();
+        assert!(read("whole") == read("parts"), "frame {i}");
+    }
+    let line = "enliven animate picture.png --library l.pack --frames 12 -o x";
+    for (range, part) in [("4", "write it like 0..40"), ("7..3", "0..12, or a part"), ("0..13", "0..12, or a part")] {
+        refuse(folder.path(), &format!("{line} --frames-range {range}"), USAGE, &[part]);
+    }
+    for (memory, code, part) in [("1G2", USAGE, "like 800M or 2G"), ("1M", FAILED, "1 MB are allowed")] {
+        refuse(folder.path(), &format!("{line} --max-memory {memory}"), code, &[part]);
+    }
+}
+
+#[test]
+fn a_preview_is_small_and_shows_its_first_frame() {
+    let folder = studio();
+    let line = "enliven animate picture.png --library l.pack --preview --json --quiet --size 56x40 -o x.mp4";
+    let output = succeed(folder.path(), line);
+    let record: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(record["scene"]["output"]["frames"], 50);
+    assert_eq!(record["scene"]["database"]["candidates"], 25);
+    assert_eq!(record["output_size"], serde_json::json!([56, 40]));
+    assert_eq!(read_picture(&folder.path().join("x.preview.png")).unwrap().rgb.width, 56);
+    assert!(folder.path().join("x.mp4").exists());
 }
 
 #[cfg(unix)]

@@ -166,6 +166,7 @@ fn frames_can_be_asked_for_in_any_order() {
     for t in [33, 0, 15, 16, 17, 20, 3, 3, 32, 31] {
         assert_eq!(reader.at(t).unwrap(), frame(1, t), "frame {t}");
         assert_eq!(pack.frame(1, t).unwrap(), frame(1, t), "frame {t}");
+        assert_eq!(reader.luma_at(t).unwrap(), frame(1, t).luma(), "frame {t}");
     }
     assert_eq!(reader.at(FRAMES).unwrap_err().kind(), Kind::Usage);
     assert_eq!(pack.frame(2, 0).unwrap_err().kind(), Kind::Usage);

@@ -111,6 +111,44 @@ fn every_method_keeps_the_contract() {
 }
 
 #[test]
+fn a_part_of_the_frames_is_as_in_the_whole() {
+    let stage = Stage::new();
+    for method in REGISTRY {
+        let settings = |range| format!("method = '{}'\n[output]\nframes = 24\n{range}", method.name);
+        let whole = stage.run(&settings(""), &Silent).unwrap().0;
+        let part = stage.run(&settings("frames_range = [7, 20]"), &Silent).unwrap().0;
+        assert!(part == whole[7..20], "{}", method.name);
+    }
+    for range in ["[5, 5]", "[6, 5]", "[0, 25]"] {
+        let error = stage.error(&format!("[output]\nframes = 24\nframes_range = {range}"));
+        assert!(error.kind() == Kind::Usage && error.to_string().contains("0..24"), "{error}");
+    }
+}
+
+#[test]
+fn memory_bounds_the_run_and_not_its_frames() {
+    let stage = Stage::new();
+    let whole = stage.run("[output]\nframes = 12\n", &Silent).unwrap().0;
+    let little = stage.run("[output]\nframes = 12\nmax_memory = 800_000_000\n", &Silent).unwrap().0;
+    assert!(whole == little);
+    let error = stage.error("[output]\nmax_memory = 100_000_000\n");
+    assert_eq!(error.kind(), Kind::Limit);
+    assert!(error.to_string().contains("100 MB are allowed") && error.to_string().contains("--max-memory"), "{error}");
+}
+
+#[test]
+fn the_name_of_the_picture_does_not_matter() {
+    let stage = Stage::new();
+    let whole = stage.run("[output]\nframes = 8\n", &Silent).unwrap().0;
+    std::fs::rename(stage.path("p.png"), stage.path("p2.png")).unwrap();
+    let text = "picture = 'p2.png'\nmatte = 'm.png'\nlibrary = ['small.pack']\n[output]\nframes = 8\n";
+    std::fs::write(stage.path("scene.toml"), text).unwrap();
+    let mut sink = Keep::default();
+    run(&Scene::new(open(&stage.path("scene.toml")).unwrap()).unwrap(), &mut sink, &Silent).unwrap();
+    assert!(sink.0 == whole);
+}
+
+#[test]
 fn the_loop_closes_as_smoothly_as_it_goes_on() {
     let stage = Stage::new();
     let (frames, _) = stage.run("[output]\nframes = 32\n", &Silent).unwrap();

@@ -156,6 +156,25 @@ impl AtomicFolder {
         write().map_err(|e| Error::io(&self.target.join(name), "write", e))
     }
 
+    /// Flushes the folder and moves its files into the folder of the final name, beside the files of ours that are there
+    /// and over those of the same name; each of them appears whole. Several programs may do so at once.
+    ///
+    /// # Errors
+    /// As [`AtomicFolder::commit`]; files moved before the error stay.
+    pub fn commit_beside(self) -> Result<()> {
+        sync_folder(&self.temporary)?;
+        fs::create_dir_all(&self.target).map_err(|e| unwritable(&self.target, e))?;
+        check_replaceable(&self.target, self.ours)?;
+        let list =
+            || fs::read_dir(&self.temporary)?.map(|entry| Ok(entry?.file_name())).collect::<io::Result<Vec<_>>>();
+        for name in list().map_err(|e| Error::io(&self.target, "list the new frames of", e))? {
+            let target = self.target.join(&name);
+            fs::rename(self.temporary.join(&name), &target).map_err(|e| Error::io(&target, "rename", e))?;
+        }
+        sync_folder(&self.target)?;
+        sync_folder(parent(&self.target))
+    }
+
     /// Flushes the folder, gives it its final name (replacing frames of an earlier run) and flushes its parent.
     ///
     /// # Errors
@@ -345,6 +364,21 @@ mod tests {
         assert!(error.to_string().contains("notes.txt"), "{error}");
         late.commit().unwrap_err();
         assert_eq!(names(&target), ["00000.png", "00001.png", "notes.txt"]);
+        assert_eq!(names(folder.path()), ["out"]);
+    }
+
+    #[test]
+    fn a_folder_can_be_filled_in_parts() {
+        let folder = tempfile::tempdir().unwrap();
+        let target = folder.path().join("out");
+        for (first, content) in [(2, 1), (0, 2), (1, 3)] {
+            let frames = AtomicFolder::create(&target, numbered).unwrap();
+            (first..first + 2).for_each(|i| frames.write(&format!("{i:05}.png"), &[content]).unwrap());
+            frames.commit_beside().unwrap();
+        }
+        assert_eq!(names(&target), ["00000.png", "00001.png", "00002.png", "00003.png"]);
+        let content = [0, 1, 2, 3].map(|i| fs::read(target.join(format!("{i:05}.png"))).unwrap()[0]);
+        assert_eq!(content, [2, 3, 3, 1]);
         assert_eq!(names(folder.path()), ["out"]);
     }
 

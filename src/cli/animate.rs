@@ -5,19 +5,27 @@ use std::path::{Path, PathBuf};
 use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
+use crate::base::options::Value;
 use crate::cli::common::say;
 use crate::raster::image::Rgb8;
-use crate::raster::picture_io::write_png;
+use crate::raster::picture_io::{picture_size, write_png};
 use crate::report::contact_sheet::{contact_sheet, spread};
 use crate::scene::file::{Motion, SceneFile, set};
+use crate::scene::frame_map::preview_size;
 use crate::scene::scene::{self, Scene};
-use crate::synth;
 use crate::synth::record::RunRecord;
+use crate::synth::{self, DEFAULT_METHOD};
 use crate::video::clip::Sink;
 use crate::video::sink::{self, FrameRate, SinkOptions};
 
 /// Frames on a contact sheet.
 const SHEET_FRAMES: usize = 12;
+/// Working size of a preview, pixels.
+const PREVIEW_WORKING: usize = 320;
+/// Longest preview, seconds.
+const PREVIEW_SECONDS: f32 = 2.0;
+/// Candidates per node of a preview.
+const PREVIEW_CANDIDATES: i64 = 25;
 /// Widest contact sheet in pixels.
 const SHEET_WIDTH: usize = 1920;
 
@@ -62,6 +70,9 @@ pub struct Animate {
     /// Frames of the loop [default: 120]
     #[arg(long, allow_negative_numbers = true, value_parser = parse_count)]
     pub frames: Option<usize>,
+    /// Make only frames A to B of the loop, B left out; in a folder of PNG frames they join those that are there
+    #[arg(long, value_name = "A..B", value_parser = parse_range)]
+    pub frames_range: Option<[usize; 2]>,
     /// Frames per second [default: 25]
     #[arg(long, allow_negative_numbers = true, value_parser = parse_number)]
     pub fps: Option<f32>,
@@ -71,6 +82,13 @@ pub struct Animate {
     /// Long side of the image the motion is made at [default: 640]
     #[arg(long, value_name = "PX", allow_negative_numbers = true, value_parser = parse_count)]
     pub working_size: Option<usize>,
+    /// A quick look: a quarter of the size, two seconds, few candidates; the first frame is written as OUT.preview.png at
+    /// once
+    #[arg(long)]
+    pub preview: bool,
+    /// Most memory to use, such as 800M or 2G [default: 2G, or what one frame takes if that is more]
+    #[arg(long, value_name = "SIZE", value_parser = parse_bytes)]
+    pub max_memory: Option<u64>,
     /// Seed of every random choice [default: 1]
     #[arg(long)]
     pub seed: Option<u64>,
@@ -98,6 +116,26 @@ fn parse_count(text: &str) -> std::result::Result<usize, String> {
 
 fn parse_number(text: &str) -> std::result::Result<f32, String> {
     text.parse().map_err(|_| "write a number, such as 90".to_owned())
+}
+
+fn parse_range(text: &str) -> std::result::Result<[usize; 2], String> {
+    let range = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
+    range.ok_or_else(|| format!("{text:?} is not a range of frames; write it like 0..40"))
+}
+
+fn parse_bytes(text: &str) -> std::result::Result<u64, String> {
+    let (number, unit) = text.split_at(text.find(|c: char| !c.is_ascii_digit() && c != '.').unwrap_or(text.len()));
+    let unit = match unit.trim().to_ascii_uppercase().as_str() {
+        "M" | "MB" => 1e6,
+        "G" | "GB" => 1e9,
+        _ => 0.0,
+    };
+    let bytes = number.parse::<f64>().unwrap_or(0.0) * unit;
+    if bytes >= 1.0 {
+        Ok(bytes as u64)
+    } else {
+        Err(format!("{text:?} is not an amount of memory; write it like 800M or 2G"))
+    }
 }
 
 fn parse_size(text: &str) -> std::result::Result<[usize; 2], String> {
@@ -139,12 +177,34 @@ impl Animate {
         file.output.working_size = over.working_size.unwrap_or(file.output.working_size);
         file.output.alpha |= over.alpha;
         file.output.seed = over.seed.unwrap_or(file.output.seed);
+        file.output.frames_range = over.frames_range.or(file.output.frames_range);
+        file.output.max_memory = over.max_memory.or(file.output.max_memory);
         self.set.iter().try_for_each(|text| set(&mut file, text))?;
+        if self.preview {
+            self.make_preview(&mut file)?;
+        }
         Ok(file)
     }
 }
 
 impl Animate {
+    /// Makes a scene one that is seen quickly; what the command line says by itself stays.
+    fn make_preview(&self, file: &mut SceneFile) -> Result<()> {
+        let output = &mut file.output;
+        if self.size.is_none() && !file.picture.as_os_str().is_empty() {
+            output.size = Some(preview_size(picture_size(&file.picture)?, output.size));
+        }
+        if self.working_size.is_none() {
+            output.working_size = output.working_size.min(PREVIEW_WORKING);
+        }
+        if self.frames.is_none() && output.frames_range.is_none() {
+            output.frames = output.frames.min((PREVIEW_SECONDS * output.fps) as usize);
+        }
+        let options = file.options.entry(file.method.clone().unwrap_or_else(|| DEFAULT_METHOD.into())).or_default();
+        options.entry("candidates".into()).or_insert(Value::Integer(PREVIEW_CANDIDATES));
+        Ok(())
+    }
+
     /// Runs the command.
     ///
     /// # Errors
@@ -154,11 +214,13 @@ impl Animate {
             return Err(Error::new(Kind::Usage, "--json", "standard output carries the video")
                 .remedy("write the video to a file, or leave out --json"));
         }
-        let record = animate(self.settings()?, &self.output, self.report.as_deref(), observer)?;
+        let places = Places { output: &self.output, report: self.report.as_deref(), preview: self.preview };
+        let record = run(self.settings()?, &places, observer)?;
         if self.json {
             say!("{}", to_json(&record)?);
         } else {
-            let (frames, (width, height)) = (record.scene.output.frames, record.output_size);
+            let (width, height) = record.output_size;
+            let frames = record.scene.output.frames_range.map_or(record.scene.output.frames, |[a, b]| b - a);
             let name =
                 if self.output == Path::new("-") { "standard output".into() } else { self.output.to_string_lossy() };
             observer.note(&format!("{name}: {frames} frames of {width} × {height} in {:.1} s", record.seconds));
@@ -167,31 +229,45 @@ impl Animate {
     }
 }
 
+/// Where a run writes.
+struct Places<'a> {
+    output: &'a Path,
+    report: Option<&'a Path>,
+    /// Whether the first frame is written beside the output as soon as it is made (`.preview.png`).
+    preview: bool,
+}
+
 /// Passes frames on and keeps some of them for the contact sheet.
 struct Collector {
     inner: Box<dyn Sink>,
     wanted: Vec<usize>,
     next: usize,
     kept: Vec<Rgb8>,
+    /// Where the first frame goes by itself.
+    preview: Option<PathBuf>,
 }
 
 impl Collector {
-    fn keep(&mut self, frame: &Rgb8) {
+    fn keep(&mut self, frame: &Rgb8) -> Result<()> {
         if self.wanted.contains(&self.next) {
             self.kept.push(frame.clone());
         }
+        if let Some(path) = self.preview.take() {
+            write_png(&path, frame)?;
+        }
         self.next += 1;
+        Ok(())
     }
 }
 
 impl Sink for Collector {
     fn push(&mut self, frame: &Rgb8) -> Result<()> {
-        self.keep(frame);
+        self.keep(frame)?;
         self.inner.push(frame)
     }
 
     fn push_with_alpha(&mut self, frame: &Rgb8, alpha: &[u8]) -> Result<()> {
-        self.keep(frame);
+        self.keep(frame)?;
         self.inner.push_with_alpha(frame, alpha)
     }
 
@@ -206,6 +282,11 @@ impl Sink for Collector {
 /// # Errors
 /// Bad input, by name; a full disk; an interruption. Nothing half-written stays.
 pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: &dyn Observer) -> Result<RunRecord> {
+    run(file, &Places { output, report, preview: false }, observer)
+}
+
+fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunRecord> {
+    let &Places { output, report, preview } = places;
     let mut scene = Scene::new(file)?;
     synth::resolve(&mut scene)?;
     refuse_input(output, scene.settings())?;
@@ -217,9 +298,12 @@ pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: 
     let settings = scene.settings().output;
     let (width, height) = scene.frame_map().output;
     let rate = FrameRate::new(f64::from(settings.fps))?;
-    let inner = sink::create(output, SinkOptions { width, height, rate, loops: true, alpha: settings.alpha })?;
-    let wanted = if report.is_some() { spread(settings.frames, SHEET_FRAMES) } else { Vec::new() };
-    let mut collector = Box::new(Collector { inner, wanted, next: 0, kept: Vec::new() });
+    let frames = scene.wanted_frames();
+    let (loops, part) = (settings.frames_range.is_none(), settings.frames_range.map(|_| frames.start));
+    let inner = sink::create_part(output, part, SinkOptions { width, height, rate, loops, alpha: settings.alpha })?;
+    let wanted = if report.is_some() { spread(frames.len(), SHEET_FRAMES) } else { Vec::new() };
+    let preview = (preview && !to_stdout).then(|| beside(output, "preview.png"));
+    let mut collector = Box::new(Collector { inner, wanted, next: 0, kept: Vec::new(), preview });
     let outcome = synth::run(&scene, &mut *collector, observer)?;
     let frames = std::mem::take(&mut collector.kept);
     collector.finish()?;

@@ -3,8 +3,10 @@
 //! A frame becomes the planes G, R − G, B − G (mod 256). Every 16th frame is a keyframe, whose planes are coded as
 //! differences to the pixel above; the others are differences to the previous frame. Both are undone exactly.
 
+use multiversion::multiversion;
+
 use crate::base::error::Result;
-use crate::raster::image::Rgb8;
+use crate::raster::image::{Plane, Rgb8};
 
 use super::format::damaged;
 
@@ -39,6 +41,15 @@ fn from_planes(planes: &[u8], width: usize, height: usize) -> Rgb8 {
         pixel[2] = b.wrapping_add(g);
     }
     frame
+}
+
+/// Luma from the planes G, R − G, B − G.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn luma_of(green: &[u8], red: &[u8], blue: &[u8], out: &mut [f32]) {
+    for (((out, &g), &r), &b) in out.iter_mut().zip(green).zip(red).zip(blue) {
+        let (r, b) = (f32::from(r.wrapping_add(g)), f32::from(b.wrapping_add(g)));
+        *out = (0.2126 * r + 0.7152 * f32::from(g) + 0.0722 * b) / 255.0;
+    }
 }
 
 /// Turns the frames of one clip into blobs, in order.
@@ -155,5 +166,14 @@ impl Decoder {
     /// The frame the decoder stands at.
     pub fn frame(&self) -> Rgb8 {
         from_planes(&self.planes, self.width, self.height)
+    }
+
+    /// Luma of that frame, as [`Rgb8::luma`] gives it.
+    pub fn luma(&self) -> Plane {
+        let mut luma = Plane::zeros(self.width, self.height);
+        let (green, rest) = self.planes.split_at(luma.data.len());
+        let (red, blue) = rest.split_at(luma.data.len());
+        luma_of(green, red, blue, &mut luma.data);
+        luma
     }
 }

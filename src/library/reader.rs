@@ -414,6 +414,20 @@ impl FrameReader<'_> {
     /// # Errors
     /// When there is no such frame, or it is damaged.
     pub fn at(&mut self, t: usize) -> Result<Rgb8> {
+        self.seek(t)?;
+        Ok(self.decoder.frame())
+    }
+
+    /// Luma in [0, 1] of frame `t`, equal to that of [`FrameReader::at`] and cheaper.
+    ///
+    /// # Errors
+    /// As [`FrameReader::at`].
+    pub fn luma_at(&mut self, t: usize) -> Result<Plane> {
+        self.seek(t)?;
+        Ok(self.decoder.luma())
+    }
+
+    fn seek(&mut self, t: usize) -> Result<()> {
         if t >= self.count {
             let problem = format!("clip {} has no frame {t}", self.pack.clips()[self.clip as usize].id);
             return Err(
@@ -423,7 +437,7 @@ impl FrameReader<'_> {
         let (pack, first) = (self.pack, self.first);
         self.decoder.seek(&pack.store.subject(), t, |i| pack.blob(first, i))?;
         self.next = t + 1;
-        Ok(self.decoder.frame())
+        Ok(())
     }
 }
 

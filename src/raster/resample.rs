@@ -2,7 +2,10 @@
 
 use std::ops::Range;
 
+use multiversion::multiversion;
+
 use super::image::{Color, Plane, Rgb8, Space};
+use crate::base::par;
 
 /// Weights of one output sample: first input index and taps.
 struct Taps {
@@ -49,7 +52,7 @@ pub fn resize(plane: &Plane, width: usize, height: usize) -> Plane {
     if (plane.width, plane.height) == (width, height) {
         return plane.clone();
     }
-    Resizer::new((plane.width, plane.height), (width, height)).window(plane, 0..width, 0..height)
+    resize_rows((plane.width, plane.height), (width, height), |y, row| row.copy_from_slice(plane.row(y)))
 }
 
 /// [`resize`] between two sizes, window by window.
@@ -78,11 +81,10 @@ impl Resizer {
         let first = vertical.first().map_or(0, |tap| tap.first);
         let end = vertical.last().map_or(0, |tap| tap.first + tap.weights.len());
         let mut narrow = Plane::zeros(horizontal.len(), end - first);
-        for row in first..end {
-            let source = plane.row(row);
-            for (out, tap) in narrow.row_mut(row - first).iter_mut().zip(horizontal) {
-                *out = source[tap.first..].iter().zip(&tap.weights).map(|(v, w)| v * w).sum();
-            }
+        let mut scratch = Scratch::new(plane.width, horizontal.len());
+        for (g, group) in narrow.data.chunks_mut((LANES * horizontal.len()).max(1)).enumerate() {
+            let read = |y: usize, row: &mut [f32]| row.copy_from_slice(plane.row(y));
+            scratch.narrow(first + g * LANES, group, horizontal, &read);
         }
         let mut out = Plane::zeros(horizontal.len(), vertical.len());
         for (y, tap) in vertical.iter().enumerate() {
@@ -100,12 +102,99 @@ pub fn resize_color<S: Space>(image: &Color<S>, width: usize, height: usize) -> 
     image.map_planes(|plane| resize(plane, width, height))
 }
 
+/// Channel `c` of packed 8-bit RGB, as values in [0, 1], resized like a plane; a large picture never exists in floats.
+pub fn resize_channel(image: &Rgb8, c: usize, width: usize, height: usize) -> Plane {
+    resize_rows((image.width, image.height), (width, height), |y, row| {
+        let bytes = &image.data[3 * y * image.width..3 * (y + 1) * image.width];
+        row.iter_mut().zip(bytes.chunks_exact(3)).for_each(|(v, p)| *v = f32::from(p[c]) * (1.0 / 255.0));
+    })
+}
+
 /// [`resize`] on 8-bit RGB, rounded and clamped.
 pub fn resize_rgb8(image: &Rgb8, width: usize, height: usize) -> Rgb8 {
     if (image.width, image.height) == (width, height) {
         return image.clone();
     }
-    resize_color(&image.to_color(), width, height).to_rgb8()
+    let mut out = Rgb8::black(width, height);
+    for c in 0..3 {
+        let plane = resize_channel(image, c, width, height);
+        let pixels = out.data.chunks_exact_mut(3).zip(&plane.data);
+        pixels.for_each(|(pixel, v)| pixel[c] = (v.clamp(0.0, 1.0) * 255.0 + 0.5) as u8);
+    }
+    out
+}
+
+/// Rows that are narrowed side by side, one in each lane of a register.
+const LANES: usize = 16;
+/// Output pixels from which the work is worth sharing among threads.
+const SHARED: usize = 1 << 20;
+
+/// Resizes what `read(y, row)` gives row by row: columns first, then rows.
+fn resize_rows(
+    (width_in, height_in): (usize, usize),
+    (width, height): (usize, usize),
+    read: impl Fn(usize, &mut [f32]) + Sync + Send,
+) -> Plane {
+    let large = width_in.max(width) * height_in.max(height) >= SHARED;
+    let chunk = |rows: usize, all: usize| if large { rows } else { all };
+    let horizontal = taps(width_in, width);
+    let mut narrow = Plane::zeros(width, height_in);
+    let rows = chunk(4 * LANES, height_in);
+    par::for_each_chunk(&mut narrow.data, rows * width, |k, out| {
+        let mut scratch = Scratch::new(width_in, width);
+        for (g, group) in out.chunks_mut(LANES * width).enumerate() {
+            scratch.narrow(k * rows + g * LANES, group, &horizontal, &read);
+        }
+    });
+    let vertical = taps(height_in, height);
+    let mut out = Plane::zeros(width, height);
+    par::for_each_chunk(&mut out.data, chunk(LANES, height) * width, |k, rows| {
+        for (row, tap) in rows.chunks_exact_mut(width).zip(&vertical[k * chunk(LANES, height)..]) {
+            for (i, &w) in tap.weights.iter().enumerate() {
+                row.iter_mut().zip(narrow.row(tap.first + i)).for_each(|(o, &v)| *o += w * v);
+            }
+        }
+    });
+    out
+}
+
+/// Room for a group of rows, turned so that the lanes of a register are rows.
+struct Scratch {
+    row: Vec<f32>,
+    wide: Vec<[f32; LANES]>,
+    narrow: Vec<[f32; LANES]>,
+}
+
+impl Scratch {
+    fn new(width_in: usize, width: usize) -> Self {
+        Self { row: vec![0.0; width_in], wide: vec![[0.0; LANES]; width_in], narrow: vec![[0.0; LANES]; width] }
+    }
+
+    /// Narrows the rows from `first` on into `out`, at most [`LANES`] of them.
+    fn narrow(&mut self, first: usize, out: &mut [f32], taps: &[Taps], read: &impl Fn(usize, &mut [f32])) {
+        let width = self.narrow.len();
+        for lane in 0..out.len() / width {
+            read(first + lane, &mut self.row);
+            self.wide.iter_mut().zip(&self.row).for_each(|(wide, v)| wide[lane] = *v);
+        }
+        weigh(&self.wide, taps, &mut self.narrow);
+        for (lane, row) in out.chunks_exact_mut(width).enumerate() {
+            row.iter_mut().zip(&self.narrow).for_each(|(o, narrow)| *o = narrow[lane]);
+        }
+    }
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn weigh(wide: &[[f32; LANES]], taps: &[Taps], narrow: &mut [[f32; LANES]]) {
+    for (out, tap) in narrow.iter_mut().zip(taps) {
+        let mut sums = [0.0f32; LANES];
+        for (column, &weight) in wide[tap.first..].iter().zip(&tap.weights) {
+            for (sum, v) in sums.iter_mut().zip(column) {
+                *sum += v * weight;
+            }
+        }
+        *out = sums;
+    }
 }
 
 #[cfg(test)]
@@ -129,6 +218,18 @@ mod tests {
             let whole = resize(&plane, width, height);
             let part = Resizer::new((31, 17), (width, height)).window(&plane, 3..9, 2..7);
             assert!((0..5).all(|y| part.row(y) == &whole.row(y + 2)[3..9]));
+        }
+    }
+
+    #[test]
+    fn bytes_are_resized_like_planes_on_any_number_of_threads() {
+        for (from, to) in [((37, 21), (50, 9)), ((1, 1), (3, 2)), ((700, 2200), (333, 40)), ((40, 30), (1500, 1100))] {
+            let data = (0..from.0 * from.1 * 3).map(|i| (i * i / 7 % 256) as u8).collect();
+            let image = Rgb8 { width: from.0, height: from.1, data };
+            let planes = resize_color(&image.to_color(), to.0, to.1);
+            let run = |threads| par::with_threads(threads, || resize_rgb8(&image, to.0, to.1)).unwrap();
+            assert_eq!(run(1), planes.to_rgb8());
+            assert_eq!(run(1), run(3));
         }
     }
 

@@ -14,7 +14,8 @@ pub const KEYS: [&str; 10] =
 /// Keys of `[motion]`.
 pub const MOTION_KEYS: [&str; 5] = ["direction", "strokes", "orientation", "speed", "max_speed"];
 /// Keys of `[output]`.
-pub const OUTPUT_KEYS: [&str; 6] = ["frames", "fps", "size", "working_size", "seed", "alpha"];
+pub const OUTPUT_KEYS: [&str; 8] =
+    ["frames", "frames_range", "fps", "size", "working_size", "seed", "alpha", "max_memory"];
 
 /// A scene as a person writes it; everything but the picture is optional.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -78,6 +79,9 @@ pub struct Motion {
 pub struct Output {
     /// Number of frames of the loop.
     pub frames: usize,
+    /// First frame of the loop to make, and the one after the last; none: all.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames_range: Option<[usize; 2]>,
     /// Frames per second.
     pub fps: f32,
     /// Width and height in pixels; none: the picture's, at most 1920 on the long side.
@@ -89,11 +93,15 @@ pub struct Output {
     pub seed: u64,
     /// Whether to write the fluid alone, with its opacity, for another program to put over its background.
     pub alpha: bool,
+    /// Most memory to use, bytes; none: two gigabytes, or what one frame takes if that is more. Frames do not depend on
+    /// it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub max_memory: Option<u64>,
 }
 
 impl Default for Output {
     fn default() -> Self {
-        Self { frames: 120, fps: 25.0, size: None, working_size: 640, seed: 1, alpha: false }
+        Self { frames: 120, frames_range: None, fps: 25.0, size: None, working_size: 640, seed: 1, alpha: false, max_memory: None }
     }
 }
 

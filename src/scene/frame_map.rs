@@ -84,6 +84,17 @@ impl FrameMap {
     }
 }
 
+/// Output size of a quick look: a quarter of the `size` asked for (or of the default), with a long side of
+/// [`PREVIEW_LONG_SIDE`] pixels at least where the output has that many.
+pub fn preview_size(picture: (usize, usize), size: Option<[usize; 2]>) -> [usize; 2] {
+    let output = size.map_or(fit(picture, DEFAULT_LONG_SIDE), |[w, h]| (w, h));
+    let (width, height) = fit(output, (output.0.max(output.1) / 4).max(PREVIEW_LONG_SIDE));
+    [width, height]
+}
+
+/// Smallest long side of a quick look.
+const PREVIEW_LONG_SIDE: usize = 240;
+
 /// `size` shrunk to a long side of at most `long` pixels.
 fn fit((w, h): (usize, usize), long: usize) -> (usize, usize) {
     let ratio = long as f64 / w.max(h) as f64;

@@ -11,7 +11,7 @@ use crate::base::options::Table;
 use crate::flow::strokes::MAX_SPEED;
 use crate::raster::image::{Color, Plane, Rgb8};
 use crate::raster::picture_io::{picture_size, read_grey, read_picture};
-use crate::raster::resample::{resize, resize_rgb8};
+use crate::raster::resample::{resize, resize_channel, resize_rgb8};
 
 /// Name of the scene file within a scene's folder.
 pub const SCENE_FILE: &str = "scene.toml";
@@ -114,6 +114,12 @@ impl Scene {
         self.map
     }
 
+    /// The frames of the loop that are to be made.
+    pub fn wanted_frames(&self) -> std::ops::Range<usize> {
+        let output = &self.file.output;
+        output.frames_range.map_or(0..output.frames, |[first, end]| first..end)
+    }
+
     /// The options given for a method, unread.
     pub fn options(&self, method: &str) -> Table {
         self.file.options.get(method).cloned().unwrap_or_default()
@@ -142,27 +148,40 @@ impl Scene {
     /// Unreadable files, and a matte that is all black.
     pub fn still(&self, observer: &dyn Observer) -> Result<Still> {
         let map = self.map;
-        let picture = read_picture(&self.file.picture)?.rgb;
-        let matte = match &self.file.matte {
-            Some(path) => read_matte(path)?,
-            None => {
-                observer.note("no matte given: all of the picture moves; name one with --matte");
-                Plane::filled(map.picture.0, map.picture.1, 1.0)
-            }
-        };
-        let working = shrink(&picture, map.working);
-        let working_matte = resize_matte(&matte, map.working);
+        // One thing of the file's size at a time.
+        let (picture, working) = at_both_sizes(&self.file.picture, &map)?;
+        let (matte, working_matte) = self.mattes(observer)?;
         let background = self.file.background.as_deref().map(read_picture).transpose()?;
-        Ok(Still {
-            asked: Asked::read(&self.file.motion, &map, &working_matte, observer)?,
-            picture: resize_rgb8(&picture, map.output.0, map.output.1),
-            matte: resize_matte(&matte, map.output),
-            working,
-            working_matte,
-            background: background.map(|b| resize_rgb8(&b.rgb, map.output.0, map.output.1)),
-            map,
-        })
+        let background = background.map(|b| resized(b.rgb, map.output));
+        let asked = Asked::read(&self.file.motion, &map, &working_matte, observer)?;
+        Ok(Still { picture, matte, working, working_matte, background, map, asked })
     }
+}
+
+impl Scene {
+    /// The matte at output size and at working size.
+    fn mattes(&self, observer: &dyn Observer) -> Result<(Plane, Plane)> {
+        let FrameMap { output, working, .. } = self.map;
+        let Some(path) = &self.file.matte else {
+            observer.note("no matte given: all of the picture moves; name one with --matte");
+            return Ok((Plane::filled(output.0, output.1, 1.0), Plane::filled(working.0, working.1, 1.0)));
+        };
+        let matte = read_matte(path)?;
+        let working = resize_matte(&matte, working);
+        Ok((if self.map.picture == output { matte } else { resize_matte(&matte, output) }, working))
+    }
+}
+
+/// A picture at output size and at working size.
+fn at_both_sizes(path: &Path, map: &FrameMap) -> Result<(Rgb8, Color)> {
+    let picture = read_picture(path)?.rgb;
+    let working = shrink(&picture, map.working);
+    Ok((resized(picture, map.output), working))
+}
+
+/// `picture` itself where it has the size.
+fn resized(picture: Rgb8, size: (usize, usize)) -> Rgb8 {
+    if (picture.width, picture.height) == size { picture } else { resize_rgb8(&picture, size.0, size.1) }
 }
 
 fn check_numbers(file: &SceneFile) -> Result<()> {
@@ -172,6 +191,10 @@ fn check_numbers(file: &SceneFile) -> Result<()> {
     };
     if !(2..=100_000).contains(&out.frames) {
         return bad("output.frames", out.frames.to_string(), "2 to 100000");
+    }
+    if let Some([first, end]) = out.frames_range.filter(|[first, end]| first >= end || *end > out.frames) {
+        let allowed = format!("0..{0}, or a part of it; {0} itself is not a frame of the loop", out.frames);
+        return bad("output.frames_range", format!("{first}..{end}"), &allowed);
     }
     if !(1.0..=240.0).contains(&out.fps) {
         return bad("output.fps", out.fps.to_string(), "1 to 240");
@@ -247,12 +270,9 @@ fn resize_matte(matte: &Plane, size: (usize, usize)) -> Plane {
     resize(matte, size.0, size.1).map(|v| if v < 0.5 / 255.0 { 0.0 } else { v.min(1.0) })
 }
 
-/// Resizes channel by channel, so that a large picture never exists as three planes of floats.
 fn shrink(picture: &Rgb8, (width, height): (usize, usize)) -> Color {
-    Color::from_planes(std::array::from_fn(|c| {
-        let data = picture.data.iter().skip(c).step_by(3).map(|&v| f32::from(v) * (1.0 / 255.0)).collect();
-        resize(&Plane::from_vec(picture.width, picture.height, data), width, height).map(|v| v.clamp(0.0, 1.0))
-    }))
+    let channel = |c| resize_channel(picture, c, width, height).map(|v| v.clamp(0.0, 1.0));
+    Color::from_planes(std::array::from_fn(channel))
 }
 
 /// `path` as seen from `folder`, when both exist; otherwise `path` itself.

@@ -6,6 +6,7 @@ use super::assignment_picture::{assignment_picture, colour};
 use super::footage::{Clip, Stream, bands_of, frame_bytes};
 use super::gate;
 use super::maps::{Maps, maps};
+use super::memory;
 use super::outline::{self, Outline};
 use super::pick::{self, Choice, LabelOptions, Labels};
 use super::rates::{self, RATES};
@@ -35,9 +36,6 @@ use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, make_roo
 use crate::scene::asked::Wish;
 use crate::scene::scene::{Scene, Still};
 use crate::video::clip::Sink;
-
-/// Memory for the bands of a block of frames, bytes.
-const BLOCK_BYTES: usize = 256 << 20;
 
 declare_options! {
     /// Options of the database method.
@@ -160,6 +158,7 @@ impl Synthesizer for Database {
         let grid = NodeGrid::over(&still.working_matte, 0.02)?;
         let wishes = gate::wishes(&grid, &still);
         let candidates = pick::candidates(&grid, &still, &wishes, sources, scene, &self.search(), observer)?;
+        memory::check(scene)?;
         let labels = pick::labels(&grid, &still, &wishes, &candidates, sources, &self.labelling(scene), observer)?;
         let placed = self.place(&grid, &labels.choices, wishes, &still, sources, scene)?;
         let clips = study(&placed, scene, sources, observer)?;
@@ -369,7 +368,7 @@ fn frames(
     sink: &mut dyn Sink,
     observer: &Timed,
 ) -> Result<()> {
-    let output = scene.settings().output;
+    let (output, wanted) = (scene.settings().output, scene.wanted_frames());
     let phases = placed.sources.iter().map(|s| s.1).max().unwrap_or(0) + 1;
     let levels = rendering.blender.levels();
     let stream = |(source, &(clip, phase)): (usize, &(usize, usize))| {
@@ -377,11 +376,12 @@ fn frames(
         Stream::new(&clips[clip], stagger(clip) + phase as f64 / phases as f64, output.frames, scales)
     };
     let streams = placed.sources.iter().enumerate().map(stream).collect::<Result<Vec<_>>>()?;
-    let block = (BLOCK_BYTES / frame_bytes(&streams).max(1)).clamp(par::threads().min(4), 16);
-    // Streams repeat, so the frames before the first are those that far before the end of a later round.
+    let block = memory::block_frames(scene, frame_bytes(&streams))?;
+    // Streams repeat, so the frames before the first are those that far before the end of a later round. A part of the
+    // loop follows an outline that moves from the same frame on.
     let first = rendering.run_in.next_multiple_of(output.frames);
-    let start = first - rendering.run_in;
-    let end = first + output.frames;
+    let start = if rendering.run_in == 0 { first + wanted.start } else { first - rendering.run_in };
+    let (first, end) = (first + wanted.start, first + wanted.end);
     let make = |b: usize| {
         let range = start + b * block..(start + (b + 1) * block).min(end);
         let levels = bands_of(&streams, range, observer)?;
@@ -389,7 +389,7 @@ fn frames(
     };
     let mut outline = rendering.outline.clone();
     let mut writer = Writer { compositor: &rendering.compositor, alpha: output.alpha, sink, observer };
-    stage(observer, "frames", output.frames as u64, || {
+    stage(observer, "frames", wanted.len() as u64, || {
         par::ordered_map(0..(end - start).div_ceil(block), 2, make, |b, differences: Vec<Plane>| {
             observe::check(observer)?;
             let outlines = outline.follow(&differences);

@@ -56,7 +56,7 @@ impl Clip {
         let mut reader = pack.frames(clip)?;
         for t in 0..searched {
             observe::check(observer)?;
-            let luma = reader.at(t)?.luma();
+            let luma = reader.luma_at(t)?;
             // Two cheap halvings first: most of the cost of a thumbnail is reading the full frame.
             thumbnails.push(thumbnail(&reduce(&reduce(&luma))));
             lumas.push(luma.data.iter().map(|l| (l * 255.0 + 0.5) as u8).collect::<Vec<u8>>());
@@ -155,7 +155,7 @@ impl<'a> Stream<'a> {
         let mut sum = Plane::zeros(self.clip.size.0, self.clip.size.1);
         let parts = [Some(blend.a), blend.b].into_iter().flatten();
         for (reader, Part { frame, weight }) in readers.iter_mut().zip(parts) {
-            let luma = reader.at(frame)?.luma();
+            let luma = reader.luma_at(frame)?;
             for ((s, l), a) in sum.data.iter_mut().zip(&luma.data).zip(&self.clip.average.data) {
                 *s += weight * (l - a);
             }

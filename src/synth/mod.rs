@@ -5,6 +5,7 @@ pub mod database;
 pub mod footage;
 pub mod gate;
 pub mod maps;
+pub mod memory;
 pub mod outline;
 pub mod pick;
 pub mod rates;

@@ -138,6 +138,15 @@ impl Target {
 /// An unknown extension, a size that the format cannot hold, opacity asked of a format without, or a place that cannot
 /// be written to.
 pub fn create(path: &Path, options: SinkOptions) -> Result<Box<dyn Sink>> {
+    create_part(path, None, options)
+}
+
+/// [`create`], where the frames may be a part of a video's, `part` the number of the first: in a folder of PNG frames
+/// they get their numbers in the whole and join the frames that are there; any other format holds the part alone.
+///
+/// # Errors
+/// Those of [`create`].
+pub fn create_part(path: &Path, part: Option<usize>, options: SinkOptions) -> Result<Box<dyn Sink>> {
     check_size(path, options)?;
     let target = Target::of(path)?;
     if options.alpha && !target.holds_alpha() {
@@ -152,7 +161,7 @@ pub fn create(path: &Path, options: SinkOptions) -> Result<Box<dyn Sink>> {
         Target::Gif => Box::new(GifWriter::create(path, options)?),
         Target::Webp => Box::new(WebpWriter::create(path, options, Webp)?),
         Target::Apng => Box::new(ApngWriter::create(path, options, Apng::default())?),
-        Target::Folder => Box::new(PngFolder::create(path, options)?),
+        Target::Folder => Box::new(PngFolder::create(path, part, options)?),
     })
 }
 

@@ -1,0 +1,64 @@
+//! How much memory a run takes, and how many frames are made at a time within what is allowed.
+
+use crate::base::error::{Error, Kind, Result};
+use crate::base::par;
+use crate::scene::scene::Scene;
+
+/// Bytes allowed when nothing is said.
+const ALLOWED: u64 = 2_000_000_000;
+/// Most bytes for the bands of a block of frames: more is no faster.
+const BANDS: usize = 256 << 20;
+/// Most frames of a block.
+const FRAMES: usize = 16;
+/// The program itself, with the parts of the library that it looks at and what waits for the encoder, bytes.
+const PROGRAM: u64 = 700_000_000;
+/// Picture, matte, what the compositor keeps and the frames on their way out, bytes per output pixel.
+const PER_OUTPUT_PIXEL: u64 = 40;
+/// Planes of the working image that live at a time, bytes per working pixel.
+const PER_WORKING_PIXEL: u64 = 200;
+
+/// Refuses a scene that cannot be made within the memory it is allowed, before any long work.
+///
+/// # Errors
+/// [`Kind::Limit`] with an estimate of what it takes.
+pub fn check(scene: &Scene) -> Result<()> {
+    block_frames(scene, 0).map(|_| ())
+}
+
+/// Frames to make at a time, 1 to 16, when the bands of one take `bands` bytes. Two blocks live at a time, one being
+/// made while the other is written. Without a limit in the scene one frame is always made.
+///
+/// # Errors
+/// [`Kind::Limit`] with an estimate, when not even one frame fits.
+pub fn block_frames(scene: &Scene, bands: usize) -> Result<usize> {
+    let limit = scene.settings().output.max_memory;
+    let usual = (BANDS / bands.max(1)).clamp(par::threads().min(4), FRAMES);
+    let (fixed, frame) = (fixed_bytes(scene), frame_bytes(scene, bands));
+    let fitting = limit.unwrap_or(ALLOWED).saturating_sub(fixed) / frame;
+    if let (0, Some(limit)) = (fitting, limit) {
+        let problem =
+            format!("{} are allowed, and this run takes about {}", megabytes(limit), megabytes(fixed + frame));
+        return Err(Error::new(Kind::Limit, "output.max_memory", problem)
+            .remedy("allow more with --max-memory, or make a smaller video with --size or --working-size"));
+    }
+    Ok(usual.min(usize::try_from(fitting).unwrap_or(usize::MAX)).max(1))
+}
+
+/// What does not depend on the number of frames in a block.
+fn fixed_bytes(scene: &Scene) -> u64 {
+    let map = scene.frame_map();
+    PROGRAM + PER_OUTPUT_PIXEL * pixels(map.output) + PER_WORKING_PIXEL * pixels(map.working)
+}
+
+/// What each frame of a block takes: its bands, and twice its differences and outline.
+fn frame_bytes(scene: &Scene, bands: usize) -> u64 {
+    bands as u64 + 16 * pixels(scene.frame_map().working)
+}
+
+fn pixels((width, height): (usize, usize)) -> u64 {
+    width as u64 * height as u64
+}
+
+fn megabytes(bytes: u64) -> String {
+    format!("{} MB", bytes.div_ceil(1_000_000))
+}
