@@ -119,6 +119,11 @@ fn a_part_of_the_frames_is_as_in_the_whole() {
         let part = stage.run(&settings("frames_range = [7, 20]"), &Silent).unwrap().0;
         assert!(part == whole[7..20], "{}", method.name);
     }
+    // An outline that moves has a past.
+    let settings = |range| format!("[output]\nframes = 24\n{range}[database]\ntau = 0.8\n");
+    let whole = stage.run(&settings(""), &Silent).unwrap().0;
+    let part = stage.run(&settings("frames_range = [7, 20]\n"), &Silent).unwrap().0;
+    assert!(part == whole[7..20]);
     for range in ["[5, 5]", "[6, 5]", "[0, 25]"] {
         let error = stage.error(&format!("[output]\nframes = 24\nframes_range = {range}"));
         assert!(error.kind() == Kind::Usage && error.to_string().contains("0..24"), "{error}");
