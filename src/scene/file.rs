@@ -101,7 +101,16 @@ pub struct Output {
 
 impl Default for Output {
     fn default() -> Self {
-        Self { frames: 120, frames_range: None, fps: 25.0, size: None, working_size: 640, seed: 1, alpha: false, max_memory: None }
+        Self {
+            frames: 120,
+            frames_range: None,
+            fps: 25.0,
+            size: None,
+            working_size: 640,
+            seed: 1,
+            alpha: false,
+            max_memory: None,
+        }
     }
 }
 
