@@ -52,6 +52,8 @@ declare_options! {
         lambda: f32 = 0.06, in 0, 10, "ratio", "Okabe 2011, §5.3";
         /// Weight of how rough picture and piece are, as part of the data term.
         texture: f32 = 0.1, in 0, 10, "ratio", "methods §1.6";
+        /// Weight of how slowly a piece changes, as part of the data term: 0 takes quiet pieces for wild water as well.
+        lively: f32 = 0.2, in 0, 10, "ratio", "methods §1.6";
         /// Weight of the share of a piece that stands still where the picture's fluid should move.
         still: f32 = 0.2, in 0, 10, "ratio", "methods §1.1";
         /// Weight of half the angle's versine between a piece's motion and the asked direction, as part of the data term.
@@ -89,7 +91,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     citation: "Okabe, Anjyo & Onai, \"Creating Fluid Animation from a Single Image using Video Database\", CGF 30(7), 2011",
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.checked()?.to_table()),
-    build: |table| Ok(Box::new(Database { options: Options::from_table(table)?.checked()? })),
+    build: |table| Ok(Box::new(Database { options: Options::from_table(table)?.checked()?, random: false })),
 };
 
 impl Options {
@@ -106,6 +108,7 @@ impl Options {
 /// The method with its options.
 pub struct Database {
     options: Options,
+    random: bool,
 }
 
 /// Pieces in their places, and where they come from.
@@ -159,7 +162,10 @@ impl Synthesizer for Database {
         let wishes = gate::wishes(&grid, &still);
         let candidates = pick::candidates(&grid, &still, &wishes, sources, scene, &self.search(), observer)?;
         memory::check(scene)?;
-        let labels = pick::labels(&grid, &still, &wishes, &candidates, sources, &self.labelling(scene), observer)?;
+        let labels = match self.random {
+            true => pick::random_labels(&candidates, scene.settings().output.seed),
+            false => pick::labels(&grid, &still, &wishes, &candidates, sources, &self.labelling(scene), observer)?,
+        };
         let placed = self.place(&grid, &labels.choices, wishes, &still, sources, scene)?;
         let clips = study(&placed, scene, sources, observer)?;
         // A library cut short by somebody else while it is mapped must not be read any further.
@@ -174,15 +180,23 @@ impl Synthesizer for Database {
 }
 
 impl Database {
+    /// The method with a random candidate at every node: what the labels are worth is measured against it.
+    ///
+    /// # Errors
+    /// Options that do not go together.
+    pub fn with_random_labels(options: Options) -> Result<Self> {
+        Ok(Self { options: options.checked()?, random: true })
+    }
+
     fn search(&self) -> candidates::Options {
         candidates::Options { count: self.options.candidates, per_place: self.options.per_place }
     }
 
     fn labelling(&self, scene: &Scene) -> LabelOptions {
-        let Options { sigma, rho, lambda, texture, still, direction, speed, solver, sweeps, .. } = self.options;
+        let Options { sigma, rho, lambda, texture, still, lively, direction, speed, solver, sweeps, .. } = self.options;
         let solver = solve::Options { solver, sweeps };
-        let fps = scene.settings().output.fps;
-        LabelOptions { weights: Weights { sigma, rho }, lambda, texture, still, direction, speed, fps, solver }
+        let (weights, fps) = (Weights { sigma, rho }, scene.settings().output.fps);
+        LabelOptions { weights, lambda, texture, still, lively, direction, speed, fps, solver }
     }
 
     /// Puts the chosen pieces onto their nodes, played as fast as is asked.

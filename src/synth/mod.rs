@@ -7,6 +7,7 @@ pub mod gate;
 pub mod maps;
 pub mod memory;
 pub mod outline;
+pub mod pace;
 pub mod pick;
 pub mod rates;
 pub mod record;

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::Sources;
 use super::gate::{MotionGate, PieceMotion};
+use super::pace::Paces;
 use crate::assign::candidates::{self, Candidates, Gate, Pieces};
 use crate::assign::energy::Problem;
 use crate::assign::nodes::{Node, NodeGrid};
@@ -12,7 +13,7 @@ use crate::assign::solve::{self, Solution, solve};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{Observer, stage};
 use crate::base::options::nearest;
-use crate::base::par;
+use crate::base::{par, rng};
 use crate::descriptor::dense_sift;
 use crate::descriptor::textureness::Textureness;
 use crate::descriptor::vocabulary::PIECE_WORDS;
@@ -231,6 +232,8 @@ pub struct LabelOptions {
     pub texture: f32,
     /// Weight of the share of the node's fluid where the piece stands still, as part of the data term.
     pub still: f32,
+    /// Weight of how slowly the piece changes, as part of the data term.
+    pub lively: f32,
     /// Weight of the angle between a piece's motion and the asked direction, as part of the data term.
     pub direction: f32,
     /// Weight of every octave that a piece's speed is too far from the asked one, as part of the data term.
@@ -271,6 +274,13 @@ pub fn labels(
             if asked { tile(entry).map(misfit) } else { Ok(0.0) }
         })
     })?;
+    if options.lively > 0.0 {
+        let paces = Paces::of(&choices.choices, sources, observer)?;
+        add_terms(offsets, &mut data, |_| {
+            let slowness = |entry: usize| paces.slowness(&choices.choices[entry], sources);
+            Ok(move |entry| Ok(options.lively * slowness(entry)?))
+        })?;
+    }
     let pairs = pair_costs(grid, offsets, &origins, tile, &normalizers, options.weights, observer)?;
     let problem = Problem { offsets, data: &data, pairs: &pairs, lambda: options.lambda };
     let solution = stage(observer, "labels", 0, || {
@@ -282,6 +292,18 @@ pub fn labels(
         data_energy: problem.data_energy(&solution.labels),
         solution,
     })
+}
+
+/// A random candidate for every node.
+pub fn random_labels(choices: &Choices, seed: u64) -> Labels {
+    let Choices { offsets, choices, .. } = choices;
+    let label = |n: usize| rng::below(rng::hash(seed, &[n as u64]), (offsets[n + 1] - offsets[n]) as u64) as u32;
+    let labels: Vec<u32> = (0..offsets.len() - 1).map(label).collect();
+    Labels {
+        choices: labels.iter().enumerate().map(|(n, &l)| choices[offsets[n] + l as usize]).collect(),
+        solution: Solution { labels, history: vec![0.0], ..Solution::default() },
+        data_energy: 0.0,
+    }
 }
 
 fn origin(choice: &Choice, pack: &Pack) -> Result<Origin> {

@@ -1,0 +1,93 @@
+//! How fast the places of clips change.
+//!
+//! A still does not tell how fast its fluid moves, and what matches it best are pieces that hardly change: their average
+//! images, of which the words are taken, are the sharpest. In a real fall the picture at a place is another one a frame
+//! later; on a quiet sea it takes seconds. Optical flow does not tell the two apart, for it underestimates whitewater.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::Sources;
+use super::pick::Choice;
+use crate::base::error::Result;
+use crate::base::observe::{self, Observer};
+use crate::base::par;
+use crate::library::reader::Pack;
+use crate::library::variant::PIECE;
+use crate::raster::filter::gaussian;
+use crate::raster::image::Plane;
+use crate::raster::pyramid::reduce;
+
+/// Frames of a clip that are looked at.
+const FRAMES: usize = 33;
+/// Window over which change is measured, Gaussian, pixels of the halved frame: about a piece.
+const WINDOW: f32 = 8.0;
+/// Variance of luma below which there is nothing but noise.
+const NOISE: f32 = 0.002 * 0.002;
+/// Octaves from another picture in every frame (slowness 0) to the slowest that counts (1).
+const OCTAVES: f32 = 6.0;
+
+/// Slowness of the clips that candidates come from.
+pub struct Paces(BTreeMap<(usize, u32), Plane>);
+
+impl Paces {
+    /// Reads some frames of every clip that `choices` come from.
+    ///
+    /// # Errors
+    /// A damaged pack, a cancel.
+    pub fn of(choices: &[Choice], sources: &Sources, observer: &dyn Observer) -> Result<Self> {
+        let owner = |c: &Choice| Ok((c.pack, sources.packs[c.pack].1.piece(c.piece)?.clip));
+        let clips: BTreeSet<(usize, u32)> = choices.iter().map(owner).collect::<Result<_>>()?;
+        let clips: Vec<(usize, u32)> = clips.into_iter().collect();
+        let planes = observe::stage(observer, "paces", clips.len() as u64, || {
+            par::try_map(clips.len(), |i| {
+                observe::check(observer)?;
+                slowness(&sources.packs[clips[i].0].1, clips[i].1)
+            })
+        })?;
+        Ok(Self(clips.into_iter().zip(planes).collect()))
+    }
+
+    /// Slowness of a piece, 0 to 1.
+    ///
+    /// # Errors
+    /// A damaged pack.
+    pub fn slowness(&self, choice: &Choice, sources: &Sources) -> Result<f32> {
+        let pack = &sources.packs[choice.pack].1;
+        let piece = pack.piece(choice.piece)?;
+        let meta = &pack.clips()[piece.clip as usize];
+        let variant = piece.variant();
+        let half = 0.5 * PIECE as f32;
+        let geometry = variant.geometry(meta.width as usize, meta.height as usize);
+        let (x, y) = geometry.to_level(f32::from(piece.x) + half, f32::from(piece.y) + half);
+        let halved = 0.5 / variant.scale_factor();
+        Ok(self.0.get(&(choice.pack, piece.clip)).map_or(0.0, |plane| plane.bilinear(x * halved, y * halved)))
+    }
+}
+
+/// Per pixel of the halved frame: 0 where the picture is another one in every frame, 1 where that takes 2⁶ times as long.
+/// Measured is the mean squared difference of neighbouring frames over twice the variance, which is 1 without any memory.
+fn slowness(pack: &Pack, clip: u32) -> Result<Plane> {
+    let count = (pack.clips()[clip as usize].frames as usize).min(FRAMES);
+    let mut frames = pack.frames(clip)?;
+    let mut before = reduce(&frames.at(0)?.luma());
+    let (width, height) = (before.width, before.height);
+    let (mut sum, mut squares, mut steps) = (before.clone(), before.map(|v| v * v), Plane::zeros(width, height));
+    for t in 1..count {
+        let luma = reduce(&frames.at(t)?.luma());
+        for (i, (&l, &b)) in luma.data.iter().zip(&before.data).enumerate() {
+            sum.data[i] += l;
+            squares.data[i] += l * l;
+            steps.data[i] += (l - b) * (l - b);
+        }
+        before = luma;
+    }
+    let share = 1.0 / count as f32;
+    squares.data.iter_mut().zip(&sum.data).for_each(|(q, s)| *q = (share * *q - (share * s).powi(2)).max(0.0));
+    let (variance, steps) = (gaussian(&squares, WINDOW), gaussian(&steps, WINDOW));
+    let mut out = variance;
+    for (v, s) in out.data.iter_mut().zip(&steps.data) {
+        let turnover = s / (count - 1) as f32 / (2.0 * (*v + NOISE));
+        *v = (-turnover.max(1e-6).log2() / OCTAVES).clamp(0.0, 1.0);
+    }
+    Ok(out)
+}
