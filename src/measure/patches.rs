@@ -50,11 +50,15 @@ fn places(footage: &Footage) -> Option<Vec<usize>> {
     (places.len() >= MIN_PLACES).then_some(places)
 }
 
-/// Random (frame, place) pairs, the same for equal footage.
+/// Random (frame, place) pairs, the same for equal footage: one place from every [`SAMPLES`]th part of them, the times
+/// spread evenly by steps of the golden ratio, so that lively and quiet places are drawn in proportion.
 fn samples(times: usize, places: &[usize], seed: u64) -> impl Iterator<Item = (usize, usize)> {
-    (0..SAMPLES as u64).map(move |i| {
-        let time = rng::below(rng::hash(seed, &[i, 0]), times as u64) as usize;
-        (time, places[rng::below(rng::hash(seed, &[i, 1]), places.len() as u64) as usize])
+    let unit = |hash| f64::from(rng::unit(hash));
+    let start = unit(rng::hash(seed, &[SAMPLES as u64, 0]));
+    (0..SAMPLES).map(move |i| {
+        let time = (start + i as f64 * 0.618_033_988_749_894_9).fract() * times as f64;
+        let place = (i as f64 + unit(rng::hash(seed, &[i as u64, 1]))) / SAMPLES as f64 * places.len() as f64;
+        ((time as usize).min(times - 1), places[(place as usize).min(places.len() - 1)])
     })
 }
 
