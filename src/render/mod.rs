@@ -1,6 +1,7 @@
 //! From assigned pieces to frames: blended differences over the recovered average image, inside a matte that may move,
 //! before what is behind it (Okabe et al. 2011, §6).
 
+pub mod appearance;
 pub mod blend;
 pub mod boundary;
 pub mod composite;

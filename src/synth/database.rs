@@ -26,6 +26,7 @@ use crate::library::grid::Cell;
 use crate::library::tile::Tile;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::resample::resize;
+use crate::render::appearance::{Appearance, Matching};
 use crate::render::blend::Blender;
 use crate::render::boundary::Boundary;
 use crate::render::composite::Compositor;
@@ -36,6 +37,9 @@ use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, make_roo
 use crate::scene::asked::Wish;
 use crate::scene::scene::{Scene, Still};
 use crate::video::clip::Sink;
+
+/// Frames that appearance matching learns from.
+const MATCHED: usize = 8;
 
 declare_options! {
     /// Options of the database method.
@@ -71,11 +75,17 @@ declare_options! {
         /// Share of the recovered average image; the rest keeps the picture's own detail, still.
         recovery: f32 = 0.8, in 0, 1, "ratio", "methods §1.6";
         /// Contrast of the motion relative to the contrast of the picture.
-        strength: f32 = 0.8, in 0, 4, "ratio", "methods §1.5";
+        strength: f32 = 1.0, in 0, 4, "ratio", "methods §1.5";
         /// Largest factor on a clip's differences; more lifts its noise.
         max_gain: f32 = 3.0, in 1, 20, "ratio", "Okabe 2011, Fig. 13";
         /// Factor of the coarsest band of the differences, where swell and changing light live.
         coarse: f32 = 0.4, in 0, 2, "ratio", "methods §1.6";
+        /// Share of the way to the picture's own distribution of detail that frames are brought, place by place.
+        appearance: f32 = 0.5, in 0, 1, "ratio", "Heeger & Bergen 1995";
+        /// Side of the places.
+        regions: usize = 96, in 24, 10000, "pixels", "Okabe 2011, §6";
+        /// Largest factor on the detail of frames on that way.
+        appearance_gain: f32 = 2.0, in 1, 20, "ratio", "Okabe 2011, Fig. 13";
         /// How far the outline lets go of the matte, as fire and smoke do: 0 not at all, 0.9 much; -1 takes 0.9 where most
         /// pieces come from clips tagged fire or smoke, else 0.
         tau: f32 = -1.0, in -1, 0.98, "ratio", "Okabe 2011, §6";
@@ -142,10 +152,41 @@ struct Apart {
     tau: f32,
 }
 
+/// What frames should look like, and what they start from; planes at working size.
+struct Target {
+    matching: Matching,
+    /// Luma of the picture's fluid.
+    picture: Plane,
+    /// Luma of the recovered average.
+    base: Plane,
+    matte: Plane,
+}
+
+impl Target {
+    /// The curves that bring frames of the loop to the picture, where that is wanted.
+    fn learn(
+        &self,
+        blender: &Blender,
+        streams: &[Stream],
+        frames: usize,
+        observer: &Timed,
+    ) -> Result<Option<Appearance>> {
+        if self.matching.amount == 0.0 {
+            return Ok(None);
+        }
+        let count = MATCHED.min(frames);
+        let sample = |t: usize| Ok(blender.frame(&bands_of(streams, t..t + 1, observer)?[0]));
+        let samples = (0..count).map(|i| sample(i * frames / count)).collect::<Result<Vec<_>>>()?;
+        Ok(Some(Appearance::learn(&self.picture, &self.base, &self.matte, &samples, &self.matching)))
+    }
+}
+
 /// Everything about the frames that does not change with time.
 struct Rendering {
     motion: AssignedMotion,
     blender: Blender,
+    /// What frames are matched to.
+    target: Target,
     compositor: Compositor,
     /// The outline before the first frame, and how many frames before it has to be followed from.
     outline: Outline,
@@ -262,6 +303,11 @@ impl Database {
         Ok(None)
     }
 
+    fn matching(&self) -> Matching {
+        let Options { appearance: amount, regions: region, appearance_gain: max_gain, .. } = self.options;
+        Matching { amount, region, max_gain }
+    }
+
     /// Weights, gains, recovered image: what all frames share.
     fn prepare(&self, placed: &Placed, clips: &[Clip], still: &Still, apart: Option<Apart>) -> Result<Rendering> {
         let Options { shutter, blur, recovery: amount, strength, max_gain, coarse, .. } = self.options;
@@ -284,19 +330,25 @@ impl Database {
         let shares = std::array::from_fn(|band| placed.layout.spread(|i| matched.shares[i][band]));
         let recovered = make_room(&recovered, fluid, matte, &shares);
         let blender = Blender::new(&placed.layout, &matched.gains);
+        let target = Target {
+            matching: self.matching(),
+            picture: fluid.luma(),
+            base: recovered.luma(),
+            matte: still.working_matte.clone(),
+        };
         let picture = still.picture.clone();
         Ok(match apart {
             None => {
                 let outline = Outline::fixed(&still.working_matte);
                 let compositor =
                     Compositor::new(picture, &still.matte, &still.working, &still.working_matte, &recovered);
-                Rendering { motion, blender, compositor, outline, run_in: 0, background: None }
+                Rendering { motion, blender, target, compositor, outline, run_in: 0, background: None }
             }
             Some(Apart { layers, made, tau }) => {
                 let outline = Outline::new(&layers, &recovered.luma(), tau);
                 let compositor = Compositor::layered(picture, &still.matte, &still.working, &layers, &recovered);
                 let run_in = Boundary::run_in(tau);
-                Rendering { motion, blender, compositor, outline, run_in, background: made }
+                Rendering { motion, blender, target, compositor, outline, run_in, background: made }
             }
         })
     }
@@ -396,10 +448,14 @@ fn frames(
     let first = rendering.run_in.next_multiple_of(output.frames);
     let start = if rendering.run_in == 0 { first + wanted.start } else { first - rendering.run_in };
     let (first, end) = (first + wanted.start, first + wanted.end);
+    let matched = stage(observer, "appearance", 0, || {
+        rendering.target.learn(&rendering.blender, &streams, output.frames, observer)
+    })?;
     let make = |b: usize| {
         let range = start + b * block..(start + (b + 1) * block).min(end);
         let levels = bands_of(&streams, range, observer)?;
-        Ok(par::map(levels.len(), |i| rendering.blender.frame(&levels[i])))
+        let blended = |i: usize| rendering.blender.frame(&levels[i]);
+        Ok(par::map(levels.len(), |i| matched.as_ref().map_or_else(|| blended(i), |m| m.apply(&blended(i)))))
     };
     let mut outline = rendering.outline.clone();
     let mut writer = Writer { compositor: &rendering.compositor, alpha: output.alpha, sink, observer };
