@@ -253,6 +253,7 @@ fn animate_refuses_bad_places() {
     output("--library l.pack -o text.png/x.mp4", FAILED, &["text.png is a file, not a folder"]);
     output("--library l.pack -o x.mp4 --report text.png", FAILED, &["text.png: cannot make the folder", "in the way"]);
     output("--library l.pack -o x.mkv", USAGE, &["x.mkv: cannot write .mkv", ".mp4, .gif, .webp, .apng"]);
+    output("--library l.pack --alpha -o x.mp4", USAGE, &["x.mp4: this format holds no opacity", "PNG"]);
     output("--library l.pack -o picture.png", USAGE, &["picture.png: "]);
     output("--library l.pack -o l.pack", USAGE, &["l.pack: is read for this video", "another name"]);
     output("--library l.pack -o - --json", USAGE, &["--json: standard output carries the video", "leave out --json"]);

@@ -155,9 +155,9 @@ fn frames_keep_every_byte_outside_the_matte_and_the_mean_luma_inside() {
     let working = enliven::raster::resample::resize_color(&picture.to_color(), 48, 32);
     let matte = |w: usize, h: usize| Plane::from_fn(w, h, |x, _| if x < w / 2 { 1.0 } else { 0.0 });
     let compositor = Compositor::new(picture.clone(), &matte(96, 64), &working, &matte(48, 32), &working);
-    let quiet = compositor.frame(&Plane::zeros(48, 32), &matte(48, 32));
+    let quiet = compositor.frame(0, &Plane::zeros(48, 32), &matte(48, 32));
     assert_eq!(quiet, picture);
-    let loud = compositor.frame(&Plane::filled(48, 32, 0.04), &matte(48, 32));
+    let loud = compositor.frame(0, &Plane::filled(48, 32, 0.04), &matte(48, 32));
     for y in 0..64 {
         assert_eq!(loud.data[(y * 96 + 48) * 3..(y + 1) * 96 * 3], picture.data[(y * 96 + 48) * 3..(y + 1) * 96 * 3]);
     }

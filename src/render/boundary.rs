@@ -12,6 +12,8 @@ pub const REACH: f32 = 64.0;
 const STEPS: usize = 1024;
 /// Largest power, and one over the smallest, that brings the area back.
 const MAX_POWER: f32 = 16.0;
+/// Brighter or darker by more than this many contrasts counts no more.
+const MAX_CONTRASTS: f32 = 2.0;
 
 /// `B_1 = α`, `B_{t+1} = τ W_t(B_t) + (1 − τ) α`, each step raised to the power that keeps `Σ B = Σ α`.
 #[derive(Debug, Clone)]
@@ -50,6 +52,16 @@ impl Boundary {
         }
         keep_area(&mut next, self.area);
         self.now = next;
+    }
+}
+
+/// Opens and closes an outline with the texture that moves in it: to opacities B comes `flicker` · B (1 − B) · d, where d
+/// tells how much brighter than the average a frame is, in units of the picture's own `contrast` (luma); 0 and 1 stay. The
+/// outline alone is as smooth as the mean of many frames, flames have tongues.
+pub fn flicker(outline: &mut Plane, differences: &Plane, contrast: &Plane, flicker: f32) {
+    for ((o, d), c) in outline.data.iter_mut().zip(&differences.data).zip(&contrast.data) {
+        let brighter = (d / c).clamp(-MAX_CONTRASTS, MAX_CONTRASTS);
+        *o = (*o * (1.0 + flicker * brighter * (1.0 - *o))).clamp(0.0, 1.0);
     }
 }
 
@@ -215,6 +227,21 @@ mod tests {
         }
         let seam = boundary.now().data.iter().zip(&first.data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
         assert!(seam < 1.0 / 255.0 && moved > 0.2, "seam {seam}, moved {moved}");
+    }
+
+    #[test]
+    fn bright_texture_opens_the_outline_and_dark_closes_it() {
+        let matte = disc(25.0);
+        let differences = Plane::from_fn(160, 120, |x, _| if x < 80 { 0.1 } else { -0.1 });
+        let mut outline = matte.clone();
+        flicker(&mut outline, &differences, &Plane::filled(160, 120, 0.1), 1.0);
+        for (i, (o, m)) in outline.data.iter().zip(&matte.data).enumerate() {
+            assert!(if i % 160 < 80 { o >= m } else { o <= m });
+            assert!(o == m || (*m > 0.0 && *m < 1.0));
+        }
+        let mut quiet = matte.clone();
+        flicker(&mut quiet, &Plane::zeros(160, 120), &Plane::filled(160, 120, 0.1), 1.0);
+        assert!(quiet == matte && outline != matte);
     }
 
     #[test]

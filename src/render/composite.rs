@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use multiversion::multiversion;
 
+use super::drift::{Drift, Travel};
 use super::layers::Layers;
 use super::layout::BANDS;
 use crate::base::par;
@@ -45,6 +46,8 @@ pub struct Compositor {
     strips: Vec<Strip>,
     /// The matte at working size, where the outline moves.
     outline: Option<Plane>,
+    /// Detail finer than a working pixel, where it travels.
+    drift: Option<Drift>,
 }
 
 /// The part of some rows that may change, row by row without padding.
@@ -114,16 +117,35 @@ impl Compositor {
             };
             Strip::new(&picture, matte, still, layers, &resizer, x, y)
         });
-        Self { picture, resizer, strips, outline: None }
+        Self { picture, resizer, strips, outline: None, drift: None }
     }
 
-    /// One frame from the luma differences at working size. Pixels outside the matte keep their bytes; `boundary`, at
+    /// Lets what is finer in the picture than in `working` travel with the flow, where the output is the larger.
+    pub fn drifting(mut self, working: &Color, travel: &Travel) -> Self {
+        let (size, small) = ((self.picture.width, self.picture.height), (working.width(), working.height()));
+        if size.0 <= small.0 {
+            return self;
+        }
+        let (resizer, picture, luma) = (&self.resizer, &self.picture, working.luma());
+        let mut detail = vec![0i8; size.0 * size.1];
+        let parts = par::map(self.strips.len(), |i| self.strips[i].detail(resizer, picture, &luma));
+        for (strip, part) in self.strips.iter_mut().zip(&parts).filter(|(strip, _)| !strip.x.is_empty()) {
+            strip.take(part);
+            for (y, part) in strip.y.clone().zip(part.chunks_exact(strip.x.len())) {
+                detail[y * size.0..][strip.x.clone()].copy_from_slice(part);
+            }
+        }
+        self.drift = Some(Drift::new(detail, size, small, travel));
+        self
+    }
+
+    /// Frame `t` from the luma differences at working size. Pixels outside the matte keep their bytes; `boundary`, at
     /// working size, takes the matte's place in a compositor with layers, and is not looked at otherwise.
-    pub fn frame(&self, differences: &Plane, boundary: &Plane) -> Rgb8 {
+    pub fn frame(&self, t: usize, differences: &Plane, boundary: &Plane) -> Rgb8 {
         let mut out = self.picture.clone();
         let shown = self.outline.as_ref().map(|matte| Shown::new(boundary, matte));
         self.each_strip(&mut out.data, 3, |strip, rows| {
-            let colours = strip.colours(&self.resizer, differences);
+            let colours = strip.colours(&self.resizer, differences, self.drift.as_ref().map(|drift| (drift, t)));
             match (&strip.behind, &shown) {
                 (Some(behind), Some(shown)) => {
                     let cover = strip.cover(behind, &self.resizer, shown);
@@ -140,10 +162,10 @@ impl Compositor {
     }
 
     /// The colours of the fluid alone, also where little or nothing of it is seen; black where it never comes.
-    pub fn fluid(&self, differences: &Plane) -> Rgb8 {
+    pub fn fluid(&self, t: usize, differences: &Plane) -> Rgb8 {
         let mut out = Rgb8::black(self.picture.width, self.picture.height);
         self.each_strip(&mut out.data, 3, |strip, rows| {
-            let colours = strip.colours(&self.resizer, differences);
+            let colours = strip.colours(&self.resizer, differences, self.drift.as_ref().map(|drift| (drift, t)));
             strip.write(rows, self.picture.width, |i| Some(colours.each_ref().map(|c| c[i])));
         });
         out
@@ -238,14 +260,41 @@ impl Strip {
     }
 
     /// Colours of the fluid with its differences, channel by channel.
-    fn colours(&self, resizer: &Resizer, differences: &Plane) -> [Vec<f32>; 3] {
+    fn colours(&self, resizer: &Resizer, differences: &Plane, drift: Option<(&Drift, usize)>) -> [Vec<f32>; 3] {
         let mut change = resizer.window(differences, self.x.clone(), self.y.clone()).data;
         compress(&mut change, &self.base, &self.limit);
+        let mut detail = match drift {
+            Some((drift, t)) => drift.window(t, self.x.clone(), self.y.clone()),
+            None => vec![0.0; change.len()],
+        };
+        // Detail may travel a little into a soft edge, not beyond it.
+        detail.iter_mut().zip(&self.matte).for_each(|(d, m)| *d *= (f32::from(*m) * (2.0 / 255.0)).min(1.0));
         std::array::from_fn(|c| {
             let mut out = vec![0.0; change.len()];
-            add(&self.base[c], &self.slope[c], &change, &mut out);
+            add(&self.base[c], &self.slope[c], &change, &detail, &mut out);
             out
         })
+    }
+
+    /// How much finer than a working pixel the picture's luma is, 255ths, times the matte.
+    fn detail(&self, resizer: &Resizer, picture: &Rgb8, working: &Plane) -> Vec<i8> {
+        let coarse = resizer.window(working, self.x.clone(), self.y.clone());
+        let places = self.y.clone().flat_map(|y| self.x.clone().map(move |x| (x, y)));
+        let fine = |(((x, y), coarse), m): (((usize, usize), &f32), &u8)| {
+            let [r, g, b] = picture.pixel(x, y).map(f32::from);
+            let luma = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+            (f32::from(*m) * (1.0 / 255.0) * (luma - 255.0 * coarse)).round() as i8
+        };
+        places.zip(&coarse.data).zip(&self.matte).map(fine).collect()
+    }
+
+    /// Takes detail out of the colours, as far as they stay colours.
+    fn take(&mut self, detail: &[i8]) {
+        for base in &mut self.base {
+            for (b, d) in base.iter_mut().zip(detail) {
+                *b = (i32::from(*b) - 256 * i32::from(*d)).clamp(0, COLOUR_STEPS as i32) as u16;
+            }
+        }
     }
 
     /// How much of each pixel the fluid covers, 0 to 1; what 8 bits cannot show is 0.
@@ -287,11 +336,11 @@ fn compress(differences: &mut [f32], base: &[Vec<u16>; 3], limit: &[i16]) {
     }
 }
 
-/// `base + slope · change`, within [0, 1].
+/// `base + slope · change + detail`, within [0, 1].
 #[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn add(base: &[u16], slope: &[i16], change: &[f32], out: &mut [f32]) {
-    for (((o, base), slope), change) in out.iter_mut().zip(base).zip(slope).zip(change) {
-        let colour = f32::from(*base) * (1.0 / COLOUR_STEPS) + f32::from(*slope) * (1.0 / STEPS) * change;
+fn add(base: &[u16], slope: &[i16], change: &[f32], detail: &[f32], out: &mut [f32]) {
+    for ((((o, base), slope), change), detail) in out.iter_mut().zip(base).zip(slope).zip(change).zip(detail) {
+        let colour = f32::from(*base) * (1.0 / COLOUR_STEPS) + f32::from(*slope) * (1.0 / STEPS) * change + detail;
         *o = colour.clamp(0.0, 1.0);
     }
 }
@@ -326,7 +375,7 @@ fn reach(plane: &Plane, size: (usize, usize), y: Range<usize>) -> Range<usize> {
 }
 
 /// Root mean square of what the bands of differences cover, around each pixel of the matte.
-fn local_contrast(picture: &Color, matte: &Plane) -> Plane {
+pub fn local_contrast(picture: &Color, matte: &Plane) -> Plane {
     let detail = collapse(&laplacian(&picture.luma(), BANDS).0, None);
     let weight = matte.map(|m| m.max(1e-3));
     let squares = detail.data.iter().zip(&weight.data).map(|(d, w)| d * d * w).collect();

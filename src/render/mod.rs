@@ -6,6 +6,7 @@ pub mod blend;
 pub mod boundary;
 pub mod composite;
 pub mod contrast;
+pub mod drift;
 pub mod extrapolate;
 pub mod inpaint;
 pub mod layers;

@@ -31,6 +31,7 @@ use crate::render::blend::Blender;
 use crate::render::boundary::Boundary;
 use crate::render::composite::Compositor;
 use crate::render::contrast::{Strength, Variance, match_contrast};
+use crate::render::drift::Travel;
 use crate::render::layers::Layers;
 use crate::render::layout::{Layout, LevelKey, PlacedCell, Placement};
 use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, make_room, recover};
@@ -89,6 +90,10 @@ declare_options! {
         /// How far the outline lets go of the matte, as fire and smoke do: 0 not at all, 0.9 much; -1 takes 0.9 where most
         /// pieces come from clips tagged fire or smoke, else 0.
         tau: f32 = -1.0, in -1, 0.98, "ratio", "Okabe 2011, §6";
+        /// How much an outline that moves opens and closes with the bright and dark of the fluid in it.
+        flicker: f32 = 1.0, in 0, 4, "ratio", "methods §1.5";
+        /// Detail finer than a working pixel travels with the flow where the output is larger; false keeps it in place.
+        drift: bool = true, in 0, 1, "switch", "methods §2.4";
         /// Phases of its loop that a clip is used at; more keeps copies from moving in unison, and is slower.
         phases: usize = 1, in 1, 8, "phases", "methods §1.5";
     }
@@ -212,7 +217,13 @@ impl Synthesizer for Database {
         // A library cut short by somebody else while it is mapped must not be read any further.
         sources.packs.iter().try_for_each(|(_, pack)| pack.check_length())?;
         let layers = self.separate(&placed, &still, sources, scene, observer)?;
-        let rendering = stage(observer, "prepare", 0, || self.prepare(&placed, &clips, &still, layers))?;
+        let mut rendering = stage(observer, "prepare", 0, || self.prepare(&placed, &clips, &still, layers))?;
+        if self.options.drift {
+            let output = scene.settings().output;
+            let pace = sources.packs[0].1.parameters().rate as f32 / output.fps;
+            let travel = Travel { motion: &rendering.motion.mean, pace, frames: output.frames, fps: output.fps };
+            rendering.compositor = rendering.compositor.drifting(&still.working, &travel);
+        }
         frames(&placed, &clips, &rendering, scene, sink, observer)?;
         let mut outcome = outcome(&placed, &clips, &rendering, &labels, &still, sources, scene)?;
         outcome.record.assignment.iter_mut().for_each(|a| a.widened = candidates.widened);
@@ -345,7 +356,7 @@ impl Database {
                 Rendering { motion, blender, target, compositor, outline, run_in: 0, background: None }
             }
             Some(Apart { layers, made, tau }) => {
-                let outline = Outline::new(&layers, &recovered.luma(), tau);
+                let outline = Outline::new(&layers, &recovered.luma(), tau, self.options.flicker);
                 let compositor = Compositor::layered(picture, &still.matte, &still.working, &layers, &recovered);
                 let run_in = Boundary::run_in(tau);
                 Rendering { motion, blender, target, compositor, outline, run_in, background: made }
@@ -464,7 +475,8 @@ fn frames(
             observe::check(observer)?;
             let outlines = outline.follow(&differences);
             let before = (first - start).saturating_sub(b * block).min(differences.len());
-            writer.write(&differences[before..], &outlines[before..])
+            let t = (start + b * block + before) % output.frames;
+            writer.write(t, &differences[before..], &outlines[before..])
         })
     })
 }
@@ -478,14 +490,14 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Writes frames given as luma differences and outlines, one being made while the one before is written.
-    fn write(&mut self, differences: &[Plane], outlines: &[Plane]) -> Result<()> {
+    /// Writes the frames from `t` on, given as luma differences and outlines; one is made while the one before is written.
+    fn write(&mut self, t: usize, differences: &[Plane], outlines: &[Plane]) -> Result<()> {
         let (compositor, alpha, observer) = (self.compositor, self.alpha, self.observer);
         let make = |i: usize| {
             Ok(if alpha {
-                (compositor.fluid(&differences[i]), Some(compositor.opacity(&outlines[i])))
+                (compositor.fluid(t + i, &differences[i]), Some(compositor.opacity(&outlines[i])))
             } else {
-                (compositor.frame(&differences[i], &outlines[i]), None)
+                (compositor.frame(t + i, &differences[i], &outlines[i]), None)
             })
         };
         par::ordered_map(0..differences.len(), 2, make, |_, (frame, opacity)| {

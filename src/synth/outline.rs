@@ -5,7 +5,8 @@ use crate::base::observe::{Observer, stage};
 use crate::base::par;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::resample::{resize_color, resize_rgb8};
-use crate::render::boundary::{Boundary, fluid_flow};
+use crate::render::boundary::{Boundary, flicker, fluid_flow};
+use crate::render::composite::local_contrast;
 use crate::render::inpaint::inpaint;
 use crate::render::layers::Layers;
 use crate::scene::scene::Still;
@@ -69,6 +70,9 @@ struct Moving {
     /// The part's matte, and its luma without differences.
     matte: Plane,
     still: Plane,
+    /// The fluid's contrast, and how much the outline flickers with it.
+    contrast: Plane,
+    flicker: f32,
     last: Option<Plane>,
 }
 
@@ -78,12 +82,15 @@ impl Outline {
         Self { state: None, matte: matte.clone() }
     }
 
-    /// An outline that lets go of the matte of `layers` by `tau`; `luma` is that of the recovered fluid.
-    pub fn new(layers: &Layers, luma: &Plane, tau: f32) -> Self {
+    /// An outline that lets go of the matte of `layers` by `tau` and opens and closes with the texture by `flicker`;
+    /// `luma` is that of the recovered fluid.
+    pub fn new(layers: &Layers, luma: &Plane, tau: f32, flicker: f32) -> Self {
         let part = extent(&layers.reach);
         let matte = crop(&layers.matte, part);
         let boundary = Boundary::new(&matte, tau);
-        let state = (tau > 0.0).then(|| Moving { boundary, part, matte, still: crop(luma, part), last: None });
+        let contrast = crop(&local_contrast(&layers.fluid, &layers.matte), part);
+        let still = crop(luma, part);
+        let state = (tau > 0.0).then_some(Moving { boundary, part, matte, still, contrast, flicker, last: None });
         Self { state, matte: layers.matte.clone() }
     }
 
@@ -96,11 +103,11 @@ impl Outline {
         let flows = par::map(lumas.len().saturating_sub(1), |i| fluid_flow(&lumas[i], &lumas[i + 1], &moving.matte));
         let mut outlines = Vec::with_capacity(differences.len());
         if started == 0 && !differences.is_empty() {
-            outlines.push(moving.whole(self.matte.width, self.matte.height));
+            outlines.push(moving.whole(&self.matte, &differences[0]));
         }
         for flow in &flows {
             moving.boundary.step(flow);
-            outlines.push(moving.whole(self.matte.width, self.matte.height));
+            outlines.push(moving.whole(&self.matte, &differences[outlines.len()]));
         }
         moving.last = lumas.pop();
         outlines
@@ -114,11 +121,13 @@ impl Moving {
         luma
     }
 
-    /// The outline on the whole working image.
-    fn whole(&self, width: usize, height: usize) -> Plane {
+    /// The outline of a frame on the whole working image, of the matte's size.
+    fn whole(&self, matte: &Plane, differences: &Plane) -> Plane {
         let [x, y, w, _] = self.part;
-        let mut out = Plane::zeros(width, height);
-        for (j, row) in self.boundary.now().data.chunks_exact(w.max(1)).enumerate() {
+        let mut now = self.boundary.now().clone();
+        flicker(&mut now, &crop(differences, self.part), &self.contrast, self.flicker);
+        let mut out = Plane::zeros(matte.width, matte.height);
+        for (j, row) in now.data.chunks_exact(w.max(1)).enumerate() {
             out.row_mut(y + j)[x..x + w].copy_from_slice(row);
         }
         out
