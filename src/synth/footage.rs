@@ -21,6 +21,8 @@ const FADE: usize = 20;
 const SEARCHED: usize = 2;
 /// Every so many frames are measured for the strength of the differences.
 const SAMPLE_STEP: usize = 8;
+/// Pairs of neighbouring frames that are compared.
+const PAIRS: usize = 3;
 
 /// One clip that is used.
 pub struct Clip {
@@ -37,6 +39,8 @@ pub struct Clip {
     variance: Vec<Variance>,
     /// Per used scale and jump of the loop: how alike the two frames in the middle of the fade are, band by band.
     alike: Vec<Vec<[f32; BANDS]>>,
+    /// Per used scale: how alike neighbouring frames are, band by band.
+    neighbours: Vec<[f32; BANDS]>,
 }
 
 impl Clip {
@@ -76,7 +80,15 @@ impl Clip {
         let likeness = |&(a, b): &(usize, usize), scale| correlations(&of_frame(a, scale), &of_frame(b, scale));
         let alike = |&scale: &u8| plan.middle().iter().map(|pair| likeness(pair, scale)).collect();
         let alike = scales.iter().map(alike).collect();
-        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, variance, alike })
+        let pairs: Vec<(usize, usize)> =
+            (0..PAIRS).map(|k| plan.at(k * frames / PAIRS).a.frame).map(|f| (f, f + 1)).collect();
+        let pairs = || pairs.iter().filter(|p| p.1 < searched);
+        let mean = |all: Vec<[f32; BANDS]>| {
+            std::array::from_fn(|b| all.iter().map(|a| a[b]).sum::<f32>() / all.len().max(1) as f32)
+        };
+        let neighbours =
+            scales.iter().map(|&scale| mean(pairs().map(|pair| likeness(pair, scale)).collect())).collect();
+        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, variance, alike, neighbours })
     }
 
     /// How strong its differences are at one of the scales it was studied at.
@@ -90,6 +102,19 @@ impl Clip {
         let alike = self.scales.iter().position(|&s| s == scale).and_then(|i| self.alike[i].get(blend.jump));
         std::array::from_fn(|band| alike.map_or(1.0, |alike| blend.gain(alike[band])))
     }
+
+    /// Factors of the bands that keep the contrast of one frame where `share` of it and the rest of its neighbour are
+    /// shown: fine detail would pulse, sharp on the frames of the clip and dull between them.
+    fn evens(&self, share: f32, scale: u8) -> [f32; BANDS] {
+        let alike = self.scales.iter().position(|&s| s == scale).map(|i| &self.neighbours[i]);
+        std::array::from_fn(|band| alike.map_or(1.0, |alike| even(share, alike[band])))
+    }
+}
+
+/// One over the deviation of `share` of one signal and the rest of another, of deviation 1 and so correlated.
+fn even(share: f32, correlation: f32) -> f32 {
+    let rest = 1.0 - share;
+    (share * share + rest * rest + 2.0 * correlation.clamp(0.0, 1.0) * share * rest).sqrt().recip()
 }
 
 /// Correlation of two frames' differences, band by band.
@@ -139,8 +164,10 @@ impl<'a> Stream<'a> {
         let blends: Vec<_> = shown.iter().map(|&(place, share)| (self.clip.plan.at(place), share)).collect();
         let differences = blends.iter().map(|(blend, _)| self.differences(blend)).collect::<Result<Vec<_>>>()?;
         let of_scale = |&scale: &u8| {
+            let evens = self.clip.evens(shown[0].1, scale);
             let scaled = blends.iter().zip(&differences).map(|((blend, share), differences)| {
-                let gains = self.clip.gains(blend, scale).map(|gain| share * gain);
+                let gains = self.clip.gains(blend, scale);
+                let gains = std::array::from_fn(|band| share * evens[band] * gains[band]);
                 times(level_bands(differences, self.clip.size, scale), gains)
             });
             scaled.reduce(plus).expect("an output frame shows some library frame")
@@ -229,4 +256,25 @@ fn minus(mut plane: Plane, other: &Plane) -> Plane {
 fn level_bands(differences: &Plane, size: (usize, usize), scale: u8) -> Bands {
     let (width, height) = level_size(size.0, size.1, scale);
     bands(&resize(differences, width, height))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::{hash, unit};
+
+    #[test]
+    fn between_frames_contrast_is_kept() {
+        let frame = |seed: u64| bands(&Plane::from_fn(64, 64, |x, y| unit(hash(seed, &[x as u64, y as u64])) - 0.5));
+        let power = |b: &Plane| b.data.iter().map(|v| v * v).sum::<f32>();
+        let (a, b) = (frame(1), frame(2));
+        let alike = correlations(&a, &b);
+        for band in 0..2 {
+            let gain = even(0.5, alike[band]);
+            let mixed = plus(times(a.clone(), [0.5 * gain; BANDS]), times(b.clone(), [0.5 * gain; BANDS]));
+            let ratio = power(&mixed[band]) / power(&a[band]);
+            assert!((0.9..1.1).contains(&ratio), "band {band}: {ratio}");
+        }
+        assert_eq!((even(1.0, 0.3), even(0.5, 1.0)), (1.0, 1.0));
+    }
 }
