@@ -141,6 +141,11 @@ fn spread(plane: &Plane, matte: &Plane) -> Plane {
     Plane::from_vec(plane.width, plane.height, (0..plane.data.len()).map(value).collect())
 }
 
+/// Between the first two values.
+fn between(values: &[f32], share: f32) -> f32 {
+    values[0] + share * (values[1] - values[0])
+}
+
 /// A curve per region, as what is added to a value, at equally spaced values.
 #[derive(Debug, Clone, PartialEq)]
 struct Curves {
@@ -181,18 +186,26 @@ impl Curves {
 
     /// What `region` adds to `value`; beyond the ends as much as there.
     fn offset(&self, region: usize, value: f32) -> f32 {
+        let (first, share) = self.knot(value);
+        between(&self.offsets[region * KNOTS + first..], share)
+    }
+
+    /// The knot below a value, and how far the value is on the way to the next.
+    fn knot(&self, value: f32) -> (usize, f32) {
         let place = ((value - self.low) / self.step).clamp(0.0, (KNOTS - 1) as f32);
         let first = (place as usize).min(KNOTS - 2);
-        let curve = &self.offsets[region * KNOTS + first..][..2];
-        curve[0] + (place - first as f32) * (curve[1] - curve[0])
+        (first, place - first as f32)
     }
 
     fn apply(&self, plane: &mut Plane, matte: &Plane, scale: f32) {
         let width = plane.width;
-        for (i, v) in plane.data.iter_mut().enumerate().filter(|(i, _)| matte.data[*i] > 0.0) {
-            let around = self.around(i % width, i / width, scale);
-            let offset = around.regions.iter().zip(around.weights).map(|(&r, w)| w * self.offset(r, *v)).sum::<f32>();
-            *v += matte.data[i] * offset;
+        for (y, (row, matte)) in plane.data.chunks_exact_mut(width).zip(matte.data.chunks_exact(width)).enumerate() {
+            for (x, (v, m)) in row.iter_mut().zip(matte).enumerate().filter(|(_, (_, m))| **m > 0.0) {
+                let Around { regions, weights } = self.around(x, y, scale);
+                let (first, share) = self.knot(*v);
+                let offset = |r: usize| between(&self.offsets[r * KNOTS + first..], share);
+                *v += m * regions.iter().zip(weights).map(|(&r, w)| w * offset(r)).sum::<f32>();
+            }
         }
     }
 

@@ -3,6 +3,8 @@
 
 use std::ops::Range;
 
+use multiversion::multiversion;
+
 use crate::flow::field::Field;
 use crate::raster::image::Plane;
 use crate::raster::resample::Resizer;
@@ -71,23 +73,10 @@ impl Drift {
     pub fn window(&self, t: usize, x: Range<usize>, y: Range<usize>) -> Vec<f32> {
         let (u, v) = (self.way_in(&self.way.u, &x, &y), self.way_in(&self.way.v, &x, &y));
         let time = (t % self.frames) as f32 * self.lives as f32 / self.frames as f32;
-        let mut out = Vec::with_capacity(u.data.len());
-        for (j, y) in y.enumerate() {
-            for (i, x) in x.clone().enumerate() {
-                let (u, v) = (u.at(i, j), v.at(i, j));
-                let phase = time + (x + y) as f32 / (SLANT * self.scale);
-                let age = phase - phase.floor();
-                let ages = [age - 0.5, if age < 0.5 { age } else { age - 1.0 }];
-                let weights = ages.map(|a| 1.0 - 2.0 * a.abs());
-                // The two copies are as alike as places half a life's way apart are.
-                let apart = (u * u + v * v) * 0.25 / (self.scale * self.scale);
-                let alike = (-apart).exp();
-                let [a, b] = weights;
-                let norm = (a * a + b * b + 2.0 * alike * a * b).sqrt().max(1e-3);
-                let place = |age: f32| (x as f32 - age * u, y as f32 - age * v);
-                let sum = a * self.at(place(ages[0])) + b * self.at(place(ages[1]));
-                out.push(sum / norm * (1.0 / 255.0));
-            }
+        let mut out = vec![0.0; u.data.len()];
+        let width = x.len().max(1);
+        for (j, (y, out)) in y.zip(out.chunks_exact_mut(width)).enumerate() {
+            row(self, time, (x.start, y), u.row(j), v.row(j), out);
         }
         out
     }
@@ -97,6 +86,7 @@ impl Drift {
     }
 
     /// Bilinear value at whole-numbered pixel places, borders clamped.
+    #[inline(always)]
     fn at(&self, (x, y): (f32, f32)) -> f32 {
         let (x, y) = (x.clamp(0.0, self.width as f32 - 1.0), y.clamp(0.0, self.height as f32 - 1.0));
         let (x0, y0) = (x as usize, y as usize);
@@ -107,6 +97,25 @@ impl Drift {
         let top = value(i) + ax * (value(i + right) - value(i));
         let bottom = value(i + down) + ax * (value(i + down + right) - value(i + down));
         top + ay * (bottom - top)
+    }
+}
+
+/// Detail of the pixels from `(left, y)` to the right, of ways `u`, `v`.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn row(drift: &Drift, time: f32, (left, y): (usize, usize), u: &[f32], v: &[f32], out: &mut [f32]) {
+    for (i, ((out, &u), &v)) in out.iter_mut().zip(u).zip(v).enumerate() {
+        let x = left + i;
+        let phase = time + (x + y) as f32 / (SLANT * drift.scale);
+        let age = phase - phase as u32 as f32;
+        let ages = [age - 0.5, if age < 0.5 { age } else { age - 1.0 }];
+        let [a, b] = ages.map(|a| 1.0 - 2.0 * a.abs());
+        // The two copies are as alike as places half a life's way apart are.
+        let apart = (u * u + v * v) * 0.25 / (drift.scale * drift.scale);
+        let alike = 1.0 / (1.0 + apart + 0.5 * apart * apart);
+        let norm = (a * a + b * b + 2.0 * alike * a * b).sqrt().max(1e-3);
+        let place = |age: f32| (x as f32 - age * u, y as f32 - age * v);
+        let sum = a * drift.at(place(ages[0])) + b * drift.at(place(ages[1]));
+        *out = sum / norm * (1.0 / 255.0);
     }
 }
 

@@ -1,5 +1,7 @@
 //! Reading a band of a level through the geometry of a placed piece.
 
+use multiversion::multiversion;
+
 use super::layout::Placement;
 use crate::library::variant::Geometry;
 use crate::raster::image::Plane;
@@ -27,6 +29,7 @@ struct Map {
 }
 
 impl Map {
+    #[inline(always)]
     fn at(&self, i: usize, j: usize) -> (f32, f32) {
         let (i, j) = (i as f32, j as f32);
         (self.origin.0 + i * self.right.0 + j * self.down.0, self.origin.1 + i * self.right.1 + j * self.down.1)
@@ -98,17 +101,24 @@ impl Window {
     fn accumulate_sampled(&self, band: &Plane, weights: &[f32], canvas: &mut Plane) {
         for (j, weights) in weights.chunks_exact(self.width).enumerate() {
             let out = &mut canvas.row_mut(self.y + j)[self.x..self.x + self.width];
-            for (i, (o, &w)) in out.iter_mut().zip(weights).enumerate() {
-                if w != 0.0 {
-                    let (x, y) = self.map.at(i, j);
-                    *o += w * cubic(band, x, y);
-                }
-            }
+            sample_row(band, self.map, j, weights, out);
+        }
+    }
+}
+
+/// Adds `weights` × the band, where row `j` of the window lies on it.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn sample_row(band: &Plane, map: Map, j: usize, weights: &[f32], out: &mut [f32]) {
+    for (i, (o, &w)) in out.iter_mut().zip(weights).enumerate() {
+        if w != 0.0 {
+            let (x, y) = map.at(i, j);
+            *o += w * cubic(band, x, y);
         }
     }
 }
 
 /// Catmull–Rom value at `(x, y)`, centres at ½, borders clamped: bilinear reading would dull the finest band.
+#[inline(always)]
 fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
     let (fx, fy) = (x - 0.5, y - 0.5);
     let (x0, y0) = (fx.floor(), fy.floor());
@@ -130,6 +140,7 @@ fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
 }
 
 /// Catmull–Rom weights of the four neighbours for a fraction `t`.
+#[inline(always)]
 fn taps(t: f32) -> [f32; 4] {
     let (t2, t3) = (t * t, t * t * t);
     [0.5 * (2.0 * t2 - t3 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (4.0 * t2 - 3.0 * t3 + t), 0.5 * (t3 - t2)]
