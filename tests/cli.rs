@@ -14,6 +14,8 @@ use std::sync::OnceLock;
 use assert_cmd::Command;
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::picture_io::{read_picture, write_grey_png, write_png};
+use enliven::report::run::to_json;
+use enliven::synth::record::RunRecord;
 use serde_json::Value;
 use tempfile::TempDir;
 
@@ -253,7 +255,7 @@ fn animate_refuses_bad_places() {
     output("--library l.pack -o text.png/x.mp4", FAILED, &["text.png is a file, not a folder"]);
     output("--library l.pack -o x.mp4 --report text.png", FAILED, &["text.png: cannot make the folder", "in the way"]);
     output("--library l.pack -o x.mkv", USAGE, &["x.mkv: cannot write .mkv", ".mp4, .gif, .webp, .apng"]);
-    output("--library l.pack --alpha -o x.mp4", USAGE, &["x.mp4: this format holds no opacity", "PNG"]);
+    output("--library l.pack -o x.mp4 --alpha --report r", USAGE, &["x.mp4: this format holds no opacity", ".webp"]);
     output("--library l.pack -o picture.png", USAGE, &["picture.png: "]);
     output("--library l.pack -o l.pack", USAGE, &["l.pack: is read for this video", "another name"]);
     output("--library l.pack -o - --json", USAGE, &["--json: standard output carries the video", "leave out --json"]);
@@ -507,9 +509,10 @@ fn videos_are_written_with_their_scene_and_summary() {
     let printed: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(printed["output_size"], serde_json::json!([112, 80]));
     assert_eq!(stderr(&output), "");
-    for name in ["contact-sheet.png", "assignment.png", "orientation.png", "speed.png", "summary.json"] {
+    for name in ["contact-sheet.png", "assignment.png", "orientation.png", "speed.png"] {
         assert!(folder.path().join("report").join(name).is_file(), "{name}");
     }
+    the_page_tells_what_the_summary_holds(&folder.path().join("report"));
     // What was written is a wish that can be fed back; the scene that ran keeps it.
     let white = printed["max_speed"].as_f64().unwrap();
     let back = format!("--orientation report/orientation.png --speed report/speed.png --max-speed {white}");
@@ -522,6 +525,28 @@ fn videos_are_written_with_their_scene_and_summary() {
     succeed(folder.path(), "enliven animate d.scene.toml --direction 90 --frames 4 -o e.gif");
     let scene = fs::read_to_string(folder.path().join("e.scene.toml")).unwrap();
     assert!(scene.contains("direction = 90") && !scene.contains("orientation"), "{scene}");
+}
+
+fn the_page_tells_what_the_summary_holds(report: &Path) {
+    let page = fs::read_to_string(report.join("index.html")).unwrap();
+    let sources: Vec<&str> = page.split("src=\"").skip(1).map(|s| s.split('"').next().unwrap()).collect();
+    assert!(sources.starts_with(&["../e.mp4", "contact-sheet.png", "assignment.png"]), "{sources:?}");
+    assert!(sources.iter().all(|name| report.join(name).is_file()), "{sources:?}");
+    let summary = fs::read_to_string(report.join("summary.json")).unwrap();
+    let record: RunRecord = serde_json::from_str(&summary).unwrap();
+    assert_eq!(to_json(&record).unwrap(), summary);
+    for clip in &record.assignment.as_ref().unwrap().clips {
+        assert!(page.contains(&clip.clip) && page.contains(&format!("{:.1} %", 100.0 * clip.share)), "{page}");
+    }
+}
+
+#[test]
+fn what_was_told_is_written_down() {
+    let folder = studio();
+    succeed(folder.path(), "enliven animate picture.png --library l.pack --frames 2 -o f.gif --report all --quiet");
+    for name in ["all/index.html", "all/summary.json", "f.summary.json"] {
+        assert!(fs::read_to_string(folder.path().join(name)).unwrap().contains("no matte given"), "{name}");
+    }
 }
 
 #[test]

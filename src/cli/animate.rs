@@ -9,7 +9,8 @@ use crate::base::options::Value;
 use crate::cli::common::say;
 use crate::raster::image::Rgb8;
 use crate::raster::picture_io::{picture_size, write_png};
-use crate::report::contact_sheet::{contact_sheet, spread};
+use crate::report::contact_sheet::spread;
+use crate::report::run::{SHEET_FRAMES, to_json, write as write_report};
 use crate::scene::file::{Motion, SceneFile, set};
 use crate::scene::frame_map::preview_size;
 use crate::scene::scene::{self, Scene};
@@ -18,16 +19,12 @@ use crate::synth::{self, DEFAULT_METHOD};
 use crate::video::clip::Sink;
 use crate::video::sink::{self, FrameRate, SinkOptions};
 
-/// Frames on a contact sheet.
-const SHEET_FRAMES: usize = 12;
 /// Working size of a preview, pixels.
 const PREVIEW_WORKING: usize = 320;
 /// Longest preview, seconds.
 const PREVIEW_SECONDS: f32 = 2.0;
 /// Candidates per node of a preview.
 const PREVIEW_CANDIDATES: i64 = 25;
-/// Widest contact sheet in pixels.
-const SHEET_WIDTH: usize = 1920;
 
 /// Animate a picture: its fluid moves, the rest stays as it is.
 #[derive(Debug, Clone, clap::Args)]
@@ -102,7 +99,7 @@ pub struct Animate {
     /// standard output
     #[arg(short, long)]
     pub output: PathBuf,
-    /// Folder for a contact sheet, the picture of which clip went where, and the summary of the run
+    /// Folder for a page (index.html) with a contact sheet, which clip went where, the motion, and where time went
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
     /// Print the summary of the run as JSON
@@ -291,9 +288,6 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
     synth::resolve(&mut scene)?;
     refuse_input(output, scene.settings())?;
     sink::check_writable(output)?;
-    if let Some(folder) = report {
-        std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
-    }
     let to_stdout = output == Path::new("-");
     let settings = scene.settings().output;
     let (width, height) = scene.frame_map().output;
@@ -301,6 +295,9 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
     let frames = scene.wanted_frames();
     let (loops, part) = (settings.frames_range.is_none(), settings.frames_range.map(|_| frames.start));
     let inner = sink::create_part(output, part, SinkOptions { width, height, rate, loops, alpha: settings.alpha })?;
+    if let Some(folder) = report {
+        std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
+    }
     let wanted = if report.is_some() { spread(frames.len(), SHEET_FRAMES) } else { Vec::new() };
     let preview = (preview && !to_stdout).then(|| beside(output, "preview.png"));
     let mut collector = Box::new(Collector { inner, wanted, next: 0, kept: Vec::new(), preview });
@@ -313,11 +310,8 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
         atomic_file::write(&beside(output, "summary.json"), to_json(&outcome.record)?.as_bytes())?;
     }
     if let Some(folder) = report {
-        write_png(&folder.join("contact-sheet.png"), &contact_sheet(&frames, 4, SHEET_WIDTH))?;
-        for (name, picture) in &outcome.pictures {
-            write_png(&folder.join(name).with_extension("png"), picture)?;
-        }
-        atomic_file::write(&folder.join("summary.json"), to_json(&outcome.record)?.as_bytes())?;
+        let video = (!to_stdout).then(|| scene::relative(output, folder));
+        write_report(folder, &outcome, &frames, video.as_deref())?;
         if let Some(speed) = outcome.record.max_speed {
             let path = folder.join("speed.png");
             observer.note(&format!("{}: white is {speed} pixels of the picture per frame", path.display()));
@@ -347,8 +341,4 @@ pub(super) fn beside(output: &Path, what: &str) -> PathBuf {
     name.push(".");
     name.push(what);
     output.with_file_name(name)
-}
-
-fn to_json(record: &RunRecord) -> Result<String> {
-    serde_json::to_string_pretty(record).map_err(|e| Error::new(Kind::Data, "summary", e.to_string()))
 }

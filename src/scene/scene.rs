@@ -276,7 +276,7 @@ fn shrink(picture: &Rgb8, (width, height): (usize, usize)) -> Color {
 }
 
 /// `path` as seen from `folder`, when both exist; otherwise `path` itself.
-fn relative(path: &Path, folder: &Path) -> PathBuf {
+pub fn relative(path: &Path, folder: &Path) -> PathBuf {
     let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
     let (Ok(path), Ok(folder)) = (path.canonicalize(), folder.canonicalize()) else { return path.to_owned() };
     let shared = path.components().zip(folder.components()).take_while(|(a, b)| a == b).count();

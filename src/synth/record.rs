@@ -30,6 +30,9 @@ pub struct RunRecord {
     pub stages: Vec<Stage>,
     /// Seconds from start to end.
     pub seconds: f64,
+    /// What the user was told, in order.
+    #[serde(default)]
+    pub notes: Vec<String>,
     /// Which piece went where, where the method assigns pieces.
     pub assignment: Option<AssignmentRecord>,
     /// Speed at white of the speed map in the report, pixels of the picture per output frame: `max_speed` to feed it back.
@@ -135,6 +138,7 @@ impl RunRecord {
         (self.working_size, self.output_size) = (scene.frame_map().working, scene.frame_map().output);
         self.stages = timed.stages.lock().map(|s| s.clone()).unwrap_or_default();
         self.seconds = timed.start.elapsed().as_secs_f64();
+        self.notes = timed.notes.lock().map(|n| n.clone()).unwrap_or_default();
     }
 }
 
@@ -151,17 +155,18 @@ fn instructions() -> &'static str {
     std::env::consts::ARCH
 }
 
-/// Passes everything on to another observer, and keeps the times of the stages.
+/// Passes everything on to another observer, and keeps the times of the stages and the notes.
 pub struct Timed<'a> {
     inner: &'a dyn Observer,
     start: Instant,
     stages: Mutex<Vec<Stage>>,
+    notes: Mutex<Vec<String>>,
 }
 
 impl<'a> Timed<'a> {
     /// Around `inner`; the clock starts now.
     pub fn new(inner: &'a dyn Observer) -> Self {
-        Self { inner, start: Instant::now(), stages: Mutex::default() }
+        Self { inner, start: Instant::now(), stages: Mutex::default(), notes: Mutex::default() }
     }
 }
 
@@ -179,6 +184,9 @@ impl Observer for Timed<'_> {
         self.inner.end(stage, seconds);
     }
     fn note(&self, message: &str) {
+        if let Ok(mut notes) = self.notes.lock() {
+            notes.push(message.to_owned());
+        }
         self.inner.note(message);
     }
     fn cancelled(&self) -> bool {

@@ -1,0 +1,43 @@
+//! The report of a run: its page with the pictures beside it, and the summary.
+
+use std::path::Path;
+
+use super::contact_sheet::contact_sheet;
+use super::run_page;
+use crate::base::atomic_file;
+use crate::base::error::{Error, Kind, Result};
+use crate::raster::image::Rgb8;
+use crate::raster::picture_io::write_png;
+use crate::synth::Outcome;
+use crate::synth::record::RunRecord;
+
+/// Frames on a contact sheet.
+pub const SHEET_FRAMES: usize = 12;
+/// Frames side by side on it.
+const SHEET_COLUMNS: usize = 4;
+/// Widest contact sheet in pixels.
+const SHEET_WIDTH: usize = 1920;
+
+/// Writes into `folder`, which exists: `index.html`, `contact-sheet.png` of `frames`, every picture of `outcome` under its
+/// name, and `summary.json`. `video` is where the video lies as seen from the folder.
+///
+/// # Errors
+/// A folder that cannot be written to, a full disk.
+pub fn write(folder: &Path, outcome: &Outcome, frames: &[Rgb8], video: Option<&Path>) -> Result<()> {
+    write_png(&folder.join("contact-sheet.png"), &contact_sheet(frames, SHEET_COLUMNS, SHEET_WIDTH))?;
+    for (name, picture) in &outcome.pictures {
+        write_png(&folder.join(name).with_extension("png"), picture)?;
+    }
+    atomic_file::write(&folder.join("summary.json"), to_json(&outcome.record)?.as_bytes())?;
+    let names: Vec<&str> = outcome.pictures.iter().map(|(name, _)| *name).collect();
+    let page = run_page::page(&outcome.record, &names, video).into_string();
+    atomic_file::write(&folder.join("index.html"), page.as_bytes())
+}
+
+/// A record as the text of `summary.json`.
+///
+/// # Errors
+/// A path that is not UTF-8.
+pub fn to_json(record: &RunRecord) -> Result<String> {
+    serde_json::to_string_pretty(record).map_err(|e| Error::new(Kind::Data, "summary", e.to_string()))
+}
