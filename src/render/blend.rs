@@ -12,7 +12,7 @@ use crate::raster::image::Plane;
 use crate::raster::pyramid::{collapse, laplacian};
 
 /// Width of the transition between neighbouring pieces per band, fine to coarse, in pixels of the working image.
-const TRANSITION: [f32; BANDS] = [12.0, 20.0, 32.0, 48.0];
+const TRANSITION: [f32; BANDS] = [12.0, 20.0, 32.0, 48.0, 48.0];
 /// Weight left to pixels of a piece that do not move significantly: enough to fill a place nothing else fills.
 const STILL_WEIGHT: f32 = 0.03;
 /// Sum of weights below which the differences fade out instead of being divided up to full strength.

@@ -15,6 +15,9 @@ use crate::raster::pyramid::laplacian;
 /// Smallest contrast that is measured, in [0, 1]: about the rounding noise of 8-bit footage.
 const NOISE: f32 = 0.002;
 
+/// Bands that hold the texture of a fluid; the coarser ones hold its swell.
+const FINE: usize = 3;
+
 /// How gains are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Strength {
@@ -22,7 +25,7 @@ pub struct Strength {
     pub strength: f32,
     /// Largest factor applied to the differences, and one over the smallest.
     pub max_gain: f32,
-    /// Factor of the coarsest band, 0 to 1; swell and changing light live there.
+    /// Factor of the coarse bands; swell and changing light live there, and the large shapes of flames.
     pub coarse: f32,
 }
 
@@ -81,17 +84,31 @@ pub fn match_contrast(
     let matched = par::map(layout.placements.len(), |i| {
         let placement = &layout.placements[i];
         let level = levels.binary_search(&placement.level()).expect("a placement's level is used");
+        let wanted: [f32; BANDS] = std::array::from_fn(|band| picture_contrast(&picture[band], matte, placement, band));
+        let found: [f32; BANDS] = std::array::from_fn(|band| variance[level].over(layout, placement, band).sqrt());
+        let gains = gains(&wanted, &found, strength);
         std::array::from_fn(|band| {
-            let wanted = picture_contrast(&picture[band], matte, placement, band);
-            let found = variance[level].over(layout, placement, band).sqrt();
-            let ratio = strength.strength * wanted / found.max(NOISE);
-            let bounded = ratio.clamp(1.0 / strength.max_gain, strength.max_gain);
-            let gain = bounded * if band + 1 == BANDS { strength.coarse } else { 1.0 };
-            (gain, (gain * found / wanted.max(NOISE)).min(1.0).powi(2))
+            let gain = gains[band];
+            (gain, (gain * found[band] / wanted[band].max(NOISE)).min(1.0).powi(2))
         })
     });
     let part = |of: fn((f32, f32)) -> f32| matched.iter().map(|bands: &[(f32, f32); BANDS]| bands.map(of)).collect();
     Match { gains: part(|m| m.0), shares: part(|m| m.1) }
+}
+
+/// Factors that bring the contrasts `found` to those that are `wanted`. The coarse bands are lifted no more than the
+/// fine ones: a waterfall's picture is bright here and dark there, but that is light and shade, which stand still, and
+/// a piece's own swell made as strong would be dark blobs. Flames have their own strong coarse bands.
+fn gains(wanted: &[f32; BANDS], found: &[f32; BANDS], strength: &Strength) -> [f32; BANDS] {
+    let matched = |band: usize| {
+        let ratio = strength.strength * wanted[band] / found[band].max(NOISE);
+        ratio.clamp(1.0 / strength.max_gain, strength.max_gain)
+    };
+    let fine = ((0..FINE).map(|band| matched(band).ln()).sum::<f32>() / FINE as f32).exp();
+    std::array::from_fn(|band| match band {
+        fine_band if fine_band < FINE => matched(fine_band),
+        band => strength.coarse * matched(band).min(fine),
+    })
 }
 
 /// Root mean square of a band of the picture over a node, where the matte is white.

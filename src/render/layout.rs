@@ -7,7 +7,7 @@ use crate::raster::filter::gaussian;
 use crate::raster::image::Plane;
 
 /// Band-pass levels of the differences; what is below them (swell, exposure) is dropped.
-pub const BANDS: usize = 4;
+pub const BANDS: usize = 5;
 /// Distance of neighbouring nodes, pixels of the working image.
 pub const STRIDE: usize = PIECE / 2;
 
