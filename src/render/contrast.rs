@@ -97,7 +97,7 @@ pub fn match_contrast(
 }
 
 /// Factors that bring the contrasts `found` to those that are `wanted`. The coarse bands are lifted no more than the
-/// fine ones: a waterfall's picture is bright here and dark there, but that is light and shade, which stand still, and
+/// fine ones, and not above what the clip has: a waterfall's picture is bright here and dark there, but that is light and shade, which stand still, and
 /// a piece's own swell made as strong would be dark blobs. Flames have their own strong coarse bands.
 fn gains(wanted: &[f32; BANDS], found: &[f32; BANDS], strength: &Strength) -> [f32; BANDS] {
     let matched = |band: usize| {
@@ -107,7 +107,7 @@ fn gains(wanted: &[f32; BANDS], found: &[f32; BANDS], strength: &Strength) -> [f
     let fine = ((0..FINE).map(|band| matched(band).ln()).sum::<f32>() / FINE as f32).exp();
     std::array::from_fn(|band| match band {
         fine_band if fine_band < FINE => matched(fine_band),
-        band => strength.coarse * matched(band).min(fine),
+        band => strength.coarse * matched(band).min(fine).min(1.0),
     })
 }
 
