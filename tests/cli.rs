@@ -521,6 +521,10 @@ fn videos_are_written_with_their_scene_and_summary() {
     assert!(fs::read_to_string(folder.path().join("d.scene.toml")).unwrap().contains("report/orientation.png"));
     let refused = format!("enliven animate picture.png --library l.pack {back} -o report/speed.png");
     refuse(folder.path(), &refused, USAGE, &["report/speed.png: is read for this video"]);
+    let repainted = fs::read(folder.path().join("report/speed.png")).unwrap();
+    let refused = format!("enliven animate picture.png --library l.pack {back} -o f.gif --report report");
+    refuse(folder.path(), &refused, USAGE, &["is read for this video", "--report"]);
+    assert_eq!(fs::read(folder.path().join("report/speed.png")).unwrap(), repainted);
     // A direction named on the command line lies over the scene's map.
     succeed(folder.path(), "enliven animate d.scene.toml --direction 90 --frames 4 -o e.gif");
     let scene = fs::read_to_string(folder.path().join("e.scene.toml")).unwrap();

@@ -89,7 +89,7 @@ fn bad_files_are_refused_by_name() {
     motion("stroke = 's.json'", "did you mean \"strokes\"?");
     motion("strokes = 'none.json'", "none.json");
     std::fs::write(folder.path().join("s.json"), "{\"strokes\": [{\"points\": [[5, 5]]}]}").unwrap();
-    motion("strokes = 's.json'", "s.json: stroke 1 has 1 point(s)");
+    motion("strokes = 's.json'", "s.json: stroke 1 has 1 point");
     matte(folder.path(), 90, 60, 1.0);
     motion("strokes = 'matte.png'", "the strokes are 90 × 60 pixels, the picture 100 × 60");
     motion("orientation = 'matte.png'", "the orientation map is 90 × 60 pixels, the picture 100 × 60");

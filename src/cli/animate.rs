@@ -10,7 +10,7 @@ use crate::cli::common::say;
 use crate::raster::image::Rgb8;
 use crate::raster::picture_io::{picture_size, write_png};
 use crate::report::contact_sheet::spread;
-use crate::report::run::{SHEET_FRAMES, to_json, write as write_report};
+use crate::report::run::{FILES, SHEET_FRAMES, to_json, write as write_report};
 use crate::scene::file::{Motion, SceneFile, set};
 use crate::scene::frame_map::preview_size;
 use crate::scene::scene::{self, Scene};
@@ -245,12 +245,13 @@ struct Collector {
 }
 
 impl Collector {
-    fn keep(&mut self, frame: &Rgb8) -> Result<()> {
+    fn keep(&mut self, frame: &Rgb8, alpha: Option<&[u8]>) -> Result<()> {
+        let seen = || alpha.map_or_else(|| frame.clone(), |alpha| on_squares(frame, alpha));
         if self.wanted.contains(&self.next) {
-            self.kept.push(frame.clone());
+            self.kept.push(seen());
         }
         if let Some(path) = self.preview.take() {
-            write_png(&path, frame)?;
+            write_png(&path, &seen())?;
         }
         self.next += 1;
         Ok(())
@@ -259,18 +260,31 @@ impl Collector {
 
 impl Sink for Collector {
     fn push(&mut self, frame: &Rgb8) -> Result<()> {
-        self.keep(frame)?;
+        self.keep(frame, None)?;
         self.inner.push(frame)
     }
 
     fn push_with_alpha(&mut self, frame: &Rgb8, alpha: &[u8]) -> Result<()> {
-        self.keep(frame)?;
+        self.keep(frame, Some(alpha))?;
         self.inner.push_with_alpha(frame, alpha)
     }
 
     fn finish(self: Box<Self>) -> Result<()> {
         self.inner.finish()
     }
+}
+
+/// A frame with opacity as picture programs show it, over grey squares.
+fn on_squares(frame: &Rgb8, alpha: &[u8]) -> Rgb8 {
+    const SIDE: usize = 16;
+    let mut out = frame.clone();
+    for (i, (pixel, &alpha)) in out.data.chunks_exact_mut(3).zip(alpha).enumerate() {
+        let (x, y) = (i % frame.width, i / frame.width);
+        let square = if (x / SIDE + y / SIDE).is_multiple_of(2) { 150 } else { 105 };
+        let over = |byte: u8| (u32::from(byte) * u32::from(alpha) + square * (255 - u32::from(alpha)) + 127) / 255;
+        pixel.iter_mut().for_each(|byte| *byte = over(*byte) as u8);
+    }
+    out
 }
 
 /// Animates a scene to `output`; beside it the scene it ran (`.scene.toml`) and its summary (`.summary.json`). With
@@ -286,7 +300,7 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
     let &Places { output, report, preview } = places;
     let mut scene = Scene::new(file)?;
     synth::resolve(&mut scene)?;
-    refuse_input(output, scene.settings())?;
+    refuse_input(places, scene.settings())?;
     sink::check_writable(output)?;
     let to_stdout = output == Path::new("-");
     let settings = scene.settings().output;
@@ -320,16 +334,19 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
     Ok(outcome.record)
 }
 
-/// Refuses to write over what the scene is made from.
-fn refuse_input(output: &Path, file: &SceneFile) -> Result<()> {
-    let Ok(output) = output.canonicalize() else { return Ok(()) };
+/// Refuses to write over what the scene is made from: by the video, the preview's first frame, or the report.
+fn refuse_input(places: &Places, file: &SceneFile) -> Result<()> {
+    let mut written = vec![places.output.to_owned()];
+    written.extend(places.preview.then(|| beside(places.output, "preview.png")));
+    written.extend(places.report.into_iter().flat_map(|folder| FILES.map(|name| folder.join(name))));
+    let written: Vec<PathBuf> = written.iter().filter_map(|path| path.canonicalize().ok()).collect();
     let SceneFile { picture, matte, background, reference, library, motion, .. } = file;
     let Motion { strokes, orientation, speed, .. } = motion;
     let optional = [matte, background, reference, strokes, orientation, speed];
     let mut inputs = optional.into_iter().flatten().chain(library).chain([picture]);
-    match inputs.find(|path| path.canonicalize().is_ok_and(|path| path == output)) {
+    match inputs.find(|path| path.canonicalize().is_ok_and(|path| written.contains(&path))) {
         Some(path) => Err(Error::file(Kind::Usage, path, "is read for this video and would be written over")
-            .remedy("give another name with -o")),
+            .remedy("give another name with -o, or another folder with --report")),
         None => Ok(()),
     }
 }

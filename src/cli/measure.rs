@@ -103,7 +103,7 @@ impl Measure {
             observer.note("no scene is known: all of the video is measured; name one with --scene");
         }
         let fps = record.map_or(video.fps, |record| record.scene.output.fps);
-        let loops = self.loops || record.is_some();
+        let loops = self.loops || record.is_some_and(|record| record.scene.output.frames_range.is_none());
         let footage =
             Footage::new(video.frames.clone(), fps, loops, matte).map_err(|e| e.about(self.video.display()))?;
         let size = (footage.width(), footage.height());

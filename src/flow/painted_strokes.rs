@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::strokes::Stroke;
+use super::strokes::{Stroke, check_count};
 use crate::base::error::{Error, Kind, Result};
 use crate::raster::components::{Components, neighbours};
 use crate::raster::picture_io::{Picture, read_picture};
@@ -55,6 +55,7 @@ pub fn trace(picture: &Picture, path: &Path) -> Result<Vec<Stroke>> {
     if patches.is_empty() {
         return Err(bad("holds no strokes"));
     }
+    check_count(patches.len(), path)?;
     let mut tracer = Tracer { alpha, parts: &parts, height, steps: vec![UNSEEN; width * height] };
     patches.iter().enumerate().map(|(i, pixels)| tracer.stroke(pixels, i + 1, &bad)).collect()
 }

@@ -20,6 +20,8 @@ const MAX_BYTES: u64 = 16 << 20;
 const SPACING: f32 = 4.0;
 /// Most samples in all; beyond, they are wider apart.
 const MAX_SAMPLES: f32 = 800.0;
+/// Most strokes of a file.
+const MAX_STROKES: usize = 400;
 /// Samples nearer than this are averaged, pixels.
 const RIDGE: f32 = 2.0;
 
@@ -78,7 +80,18 @@ pub fn parse(text: &str, path: &Path, size: (usize, usize)) -> Result<Vec<Stroke
     if strokes.is_empty() {
         return Err(bad("holds no strokes".into()).remedy("draw at least one stroke along the flow"));
     }
+    check_count(strokes.len(), path)?;
     strokes.iter().enumerate().map(|(i, value)| stroke(value, i + 1, path, size)).collect()
+}
+
+/// Refuses more strokes than anyone draws: interpolating costs the cube of their number.
+pub(super) fn check_count(count: usize, path: &Path) -> Result<()> {
+    if count <= MAX_STROKES {
+        return Ok(());
+    }
+    Err(Error::file(Kind::Limit, path, format!("holds {count} strokes"))
+        .allowed(format!("up to {MAX_STROKES}"))
+        .remedy("draw fewer, longer strokes"))
 }
 
 /// Reads stroke number `number`, counted from 1.
@@ -117,7 +130,11 @@ fn check(stroke: &Stroke, number: usize, path: &Path, (width, height): (usize, u
     }
     if stroke.length() < 1.0 {
         let count = stroke.points.len();
-        let problem = if count < 2 { format!("has {count} point(s)") } else { "is shorter than a pixel".to_owned() };
+        let problem = if count < 2 {
+            format!("has {count} {}", if count == 1 { "point" } else { "points" })
+        } else {
+            "is shorter than a pixel".to_owned()
+        };
         return Err(bad(problem).allowed("at least two different points").remedy("draw it along the flow"));
     }
     Ok(())
@@ -258,13 +275,15 @@ mod tests {
         refuse("[]", "is not a JSON object");
         refuse("{}", "has no list \"strokes\"");
         refuse(r#"{"strokes": []}"#, "holds no strokes");
+        let many = vec![r#"{"points": [[1, 1], [9, 9]]}"#; MAX_STROKES + 1].join(",");
+        refuse(&format!("{{\"strokes\": [{many}]}}"), "holds 401 strokes");
         refuse(r#"{"stroke": []}"#, "did you mean \"strokes\"?");
         let one = |stroke: &str| format!("{{\"strokes\": [{{\"points\": [[1, 1], [9, 9]]}}, {stroke}]}}");
         refuse(&one("3"), "stroke 2 is not a JSON object");
         refuse(&one("{}"), "stroke 2 has no list \"points\"");
         refuse(&one(r#"{"points": [[1, 1], [5, 5]], "sped": 3}"#), "stroke 2: sped: no such key");
         refuse(&one(r#"{"points": [[1, 1], [5, 5]], "sped": 3}"#), "did you mean \"speed\"?");
-        refuse(&one(r#"{"points": [[1, 1]]}"#), "stroke 2 has 1 point(s)");
+        refuse(&one(r#"{"points": [[1, 1]]}"#), "stroke 2 has 1 point");
         refuse(&one(r#"{"points": [[1, 1], [1, 1]]}"#), "stroke 2 is shorter than a pixel");
         refuse(&one(r#"{"points": [[1, 1], [1]]}"#), "stroke 2 has a point that is not two numbers");
         refuse(&one(r#"{"points": [[1, 1], [1, NaN]]}"#), "is not JSON");

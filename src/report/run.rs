@@ -11,6 +11,19 @@ use crate::raster::picture_io::write_png;
 use crate::synth::Outcome;
 use crate::synth::record::RunRecord;
 
+/// Everything that [`write`] may write into its folder.
+pub const FILES: [&str; 10] = [
+    "index.html",
+    "summary.json",
+    "contact-sheet.png",
+    "assignment.png",
+    "motion.png",
+    "background.png",
+    "orientation.png",
+    "speed.png",
+    "asked-orientation.png",
+    "asked-speed.png",
+];
 /// Frames on a contact sheet.
 pub const SHEET_FRAMES: usize = 12;
 /// Frames side by side on it.
@@ -26,7 +39,9 @@ const SHEET_WIDTH: usize = 1920;
 pub fn write(folder: &Path, outcome: &Outcome, frames: &[Rgb8], video: Option<&Path>) -> Result<()> {
     write_png(&folder.join("contact-sheet.png"), &contact_sheet(frames, SHEET_COLUMNS, SHEET_WIDTH))?;
     for (name, picture) in &outcome.pictures {
-        write_png(&folder.join(name).with_extension("png"), picture)?;
+        let path = folder.join(name).with_extension("png");
+        debug_assert!(FILES.iter().any(|file| path.ends_with(file)));
+        write_png(&path, picture)?;
     }
     atomic_file::write(&folder.join("summary.json"), to_json(&outcome.record)?.as_bytes())?;
     let names: Vec<&str> = outcome.pictures.iter().map(|(name, _)| *name).collect();

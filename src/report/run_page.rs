@@ -69,7 +69,8 @@ pub fn page(record: &RunRecord, pictures: &[&str], video: Option<&Path>) -> Mark
 fn what(record: &RunRecord) -> String {
     let (output, (width, height)) = (record.scene.output, record.output_size);
     let method = record.scene.method.as_deref().unwrap_or_default();
-    let (frames, fps, seconds) = (output.frames, output.fps, record.seconds);
+    let frames = output.frames_range.map_or(output.frames, |[a, b]| b - a);
+    let (fps, seconds) = (output.fps, record.seconds);
     format!("{frames} frames of {width} × {height} at {fps} per second, method {method}, made in {seconds:.1} s.")
 }
 

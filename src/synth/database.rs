@@ -303,7 +303,9 @@ impl Database {
             Ok(pack.clips()[pack.piece(choice.piece)?.clip as usize].tag.as_str())
         };
         let tags = placed.choices.iter().map(tag).collect::<Result<Vec<_>>>()?;
-        let tau = outline::looseness(self.options.tau, still, &tags, observer);
+        // The option is meant for the library's rate: an outline must not stray farther where frames are fewer.
+        let per_frame = 25.0 / scene.settings().output.fps;
+        let tau = outline::looseness(self.options.tau, still, &tags, observer).powf(per_frame);
         if tau > 0.0 || scene.settings().output.alpha {
             let (layers, made) = outline::separate(still, observer)?;
             return Ok(Some(Apart { layers, made, tau }));

@@ -1,6 +1,6 @@
 //! The part of a run in which the fluid's outline moves: taking the picture apart, and following the frames.
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{Observer, stage};
 use crate::base::par;
 use crate::raster::image::{Plane, Rgb8};
@@ -34,12 +34,20 @@ pub fn looseness(asked: f32, still: &Still, tags: &[&str], observer: &dyn Observ
 /// made here, at the picture's size, for a person to paint over.
 ///
 /// # Errors
-/// A cancel.
+/// A background that shows the same as the picture; a cancel.
 pub fn separate(still: &Still, observer: &dyn Observer) -> Result<(Layers, Option<Rgb8>)> {
     let (working, matte) = (&still.working, &still.working_matte);
     if let Some(background) = &still.background {
         let small = resize_rgb8(background, working.width(), working.height()).to_color();
         let layers = Layers::split((&still.picture, &still.matte), (working, matte), (background, &small), true);
+        if layers.matte.data.iter().all(|&m| m < 1.0 / 255.0) {
+            return Err(Error::new(
+                Kind::Unusable,
+                "background",
+                "shows the same as the picture wherever the fluid is",
+            )
+            .remedy("give a picture of what is behind the fluid, or none to have one made"));
+        }
         return Ok((layers, None));
     }
     stage(observer, "background", 0, || {
