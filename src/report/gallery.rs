@@ -3,8 +3,9 @@
 use std::fs;
 use std::path::Path;
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
+use super::page;
 use crate::base::atomic_file;
 use crate::base::error::{Error, Result};
 use crate::base::observe::{Observer, check, stage};
@@ -123,24 +124,14 @@ figure{margin:0;flex:1}figure>*{width:100%;display:block}figcaption{font-size:.8
 p{margin:.4rem 0}body>p{margin:0 0 1.2rem}.bar{background:#8883;height:6px;border-radius:3px}.bar div{background:#48a;height:100%;border-radius:3px}";
 
 fn page(pack: &Pack, title: &str, cards: &[Markup]) -> Markup {
-    html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { "Library " (title) }
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                h1 { "Library " (title) }
-                p {
-                    (pack.clips().len()) @if pack.clips().len() == 1 { " clip, " } @else { " clips, " } (pack.piece_count()) " pieces, " (Variant::COUNT)
-                    " variants of each clip. In the motion pictures red is to the right, yellow-green down, cyan to the "
-                    "left, violet up; white is still."
-                }
-                main { @for card in cards { (card) } }
-            }
+    let body = html! {
+        h1 { "Library " (title) }
+        p {
+            (pack.clips().len()) @if pack.clips().len() == 1 { " clip, " } @else { " clips, " } (pack.piece_count()) " pieces, " (Variant::COUNT)
+            " variants of each clip. In the motion pictures red is to the right, yellow-green down, cyan to the "
+            "left, violet up; white is still."
         }
-    }
+        main { @for card in cards { (card) } }
+    };
+    page::page(&format!("Library {title}"), STYLE, &body)
 }

@@ -3,6 +3,7 @@
 pub mod contact_sheet;
 pub mod gallery;
 pub mod measured;
+mod page;
 mod plot;
 pub mod run;
 mod run_page;

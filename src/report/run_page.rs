@@ -2,8 +2,9 @@
 
 use std::path::{Component, Path};
 
-use maud::{DOCTYPE, Markup, PreEscaped, html};
+use maud::{Markup, html};
 
+use super::page;
 use super::plot;
 use crate::scene::file;
 use crate::synth::record::{AssignmentRecord, RunRecord};
@@ -39,31 +40,21 @@ svg{display:block;width:100%;max-width:720px;font-size:12px}svg text{fill:curren
 /// `video` is where the video lies as seen from there.
 pub fn page(record: &RunRecord, pictures: &[&str], video: Option<&Path>) -> Markup {
     let title = record.scene.picture.file_name().unwrap_or_default().to_string_lossy();
-    html! {
-        (DOCTYPE)
-        html lang="en" {
-            head {
-                meta charset="utf-8";
-                meta name="viewport" content="width=device-width, initial-scale=1";
-                title { "Run: " (title) }
-                style { (PreEscaped(STYLE)) }
-            }
-            body {
-                h1 { (title) }
-                p { (what(record)) }
-                @if let Some(video) = video { (show(video)) }
-                h2 { "Frames" }
-                img src="contact-sheet.png" alt="Frames of the loop, in reading order";
-                @if let Some(assignment) = &record.assignment { (clips(assignment, pictures)) (energy(assignment)) }
-                (maps(record, pictures))
-                (times(record))
-                (notes(record))
-                h2 { "Settings" }
-                pre { (settings(record)) }
-                p { "Enliven " (record.version) ", " (record.threads) " threads, " (record.instructions) "." }
-            }
-        }
-    }
+    let body = html! {
+        h1 { (title) }
+        p { (what(record)) }
+        @if let Some(video) = video { (show(video)) }
+        h2 { "Frames" }
+        img src="contact-sheet.png" alt="Frames of the loop, in reading order";
+        @if let Some(assignment) = &record.assignment { (clips(assignment, pictures)) (energy(assignment)) }
+        (maps(record, pictures))
+        (times(record))
+        (notes(record))
+        h2 { "Settings" }
+        pre { (settings(record)) }
+        p { "Enliven " (record.version) ", " (record.threads) " threads, " (record.instructions) "." }
+    };
+    page::page(&format!("Run: {title}"), STYLE, &body)
 }
 
 fn what(record: &RunRecord) -> String {
