@@ -8,6 +8,7 @@ use enliven::raster::pyramid::{collapse, laplacian};
 use enliven::render::blend::{Bands, Blender, bands};
 use enliven::render::composite::{Compositor, colour_of_luma};
 use enliven::render::contrast::{Strength, Variance, match_contrast};
+use enliven::render::layers::Layers;
 use enliven::render::layout::{BANDS, Layout, PlacedCell, Placement};
 use enliven::render::recover::{AssignedMotion, Recovery, assigned_motion, make_room, recover};
 
@@ -173,4 +174,23 @@ fn differences_take_the_pictures_own_colours() {
     let at = |c: usize| slopes.planes[c].at(32, 32);
     assert!(at(0) > at(1) && at(1) > at(2));
     assert!((0.2126 * at(0) + 0.7152 * at(1) + 0.0722 * at(2) - 1.0).abs() < 1e-3);
+}
+
+#[test]
+fn what_the_fluid_has_left_shows_the_background_and_what_is_not_seen_has_no_colour() {
+    let fill = |colour: [u8; 3]| Rgb8 { width: 96, height: 64, data: colour.repeat(96 * 64) };
+    let (picture, background) = (fill([220, 200, 90]), fill([20, 30, 60]));
+    let matte = Plane::from_fn(96, 64, |x, _| if x < 48 { 1.0 } else { 0.0 });
+    let working = picture.to_color();
+    let layers = Layers::split((&picture, &matte), (&working, &matte), (&background, &background.to_color()), true);
+    let compositor = Compositor::layered(picture.clone(), &matte, &working, &layers, &layers.fluid);
+    let (still, gone) = (Plane::zeros(96, 64), Plane::from_fn(96, 64, |x, _| if x < 24 { 1.0 } else { 0.0 }));
+    let frame = compositor.frame(0, &still, &gone);
+    let (fluid, opacity) = compositor.fluid(0, &still, &gone);
+    // The colour of each pixel, whether the fluid covers it, and where the picture stays.
+    for (x, covered, expected) in [(4, true, [220, 200, 90]), (36, false, [20, 30, 60]), (80, false, [220, 200, 90])] {
+        assert_eq!(frame.pixel(x, 30), expected, "at {x}");
+        assert_eq!(opacity[30 * 96 + x], if covered { 255 } else { 0 }, "at {x}");
+        assert_eq!(fluid.pixel(x, 30), if covered { expected } else { [0; 3] }, "at {x}");
+    }
 }

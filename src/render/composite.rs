@@ -148,10 +148,9 @@ impl Compositor {
             let colours = strip.colours(&self.resizer, differences, self.drift.as_ref().map(|drift| (drift, t)));
             match (&strip.behind, &shown) {
                 (Some(behind), Some(shown)) => {
+                    // What the fluid has left shows the background, which outside the matte has the picture's own bytes.
                     let cover = strip.cover(behind, &self.resizer, shown);
-                    strip.write(rows, self.picture.width, |i| {
-                        (cover[i] > 0.0).then(|| over(behind, &colours, &cover, i))
-                    });
+                    strip.write(rows, self.picture.width, |i| Some(over(behind, &colours, &cover, i)));
                 }
                 _ => strip.write(rows, self.picture.width, |i| {
                     (strip.matte[i] > 0).then(|| colours.each_ref().map(|c| c[i]))
@@ -161,18 +160,20 @@ impl Compositor {
         out
     }
 
-    /// The colours of the fluid alone, also where little or nothing of it is seen; black where it never comes.
-    pub fn fluid(&self, t: usize, differences: &Plane) -> Rgb8 {
+    /// The fluid alone: its colours, black where nothing of it is seen, and how much of each pixel it covers, a byte each;
+    /// only for a compositor with layers.
+    pub fn fluid(&self, t: usize, differences: &Plane, boundary: &Plane) -> (Rgb8, Vec<u8>) {
+        let opacity = self.opacity(boundary);
         let mut out = Rgb8::black(self.picture.width, self.picture.height);
         self.each_strip(&mut out.data, 3, |strip, rows| {
             let colours = strip.colours(&self.resizer, differences, self.drift.as_ref().map(|drift| (drift, t)));
             strip.write(rows, self.picture.width, |i| Some(colours.each_ref().map(|c| c[i])));
         });
-        out
+        out.data.chunks_exact_mut(3).zip(&opacity).filter(|(_, a)| **a == 0).for_each(|(colour, _)| colour.fill(0));
+        (out, opacity)
     }
 
-    /// How much of each pixel the fluid covers, a byte each; only for a compositor with layers.
-    pub fn opacity(&self, boundary: &Plane) -> Vec<u8> {
+    fn opacity(&self, boundary: &Plane) -> Vec<u8> {
         let mut out = vec![0; self.picture.width * self.picture.height];
         let shown = self.outline.as_ref().map(|matte| Shown::new(boundary, matte));
         self.each_strip(&mut out, 1, |strip, rows| {

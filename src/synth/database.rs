@@ -497,7 +497,8 @@ impl Writer<'_> {
         let (compositor, alpha, observer) = (self.compositor, self.alpha, self.observer);
         let make = |i: usize| {
             Ok(if alpha {
-                (compositor.fluid(t + i, &differences[i]), Some(compositor.opacity(&outlines[i])))
+                let (fluid, opacity) = compositor.fluid(t + i, &differences[i], &outlines[i]);
+                (fluid, Some(opacity))
             } else {
                 (compositor.frame(t + i, &differences[i], &outlines[i]), None)
             })
