@@ -3,14 +3,18 @@
 pub mod assignment_picture;
 pub mod database;
 pub mod footage;
+pub mod frames;
 pub mod gate;
 pub mod maps;
 pub mod memory;
+pub mod outcome;
 pub mod outline;
 pub mod pace;
 pub mod pick;
+pub mod placing;
 pub mod rates;
 pub mod record;
+pub mod rendering;
 
 use std::path::PathBuf;
 use std::sync::Arc;

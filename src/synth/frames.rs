@@ -1,0 +1,151 @@
+//! From clips to frames: loops are found, then frames are made in blocks and handed on in order.
+
+use std::collections::BTreeSet;
+
+use super::database::Run;
+use super::footage::{Clip, Stream, bands_of, frame_bytes};
+use super::memory;
+use super::placing::{Footage, Placed};
+use super::rates::RATES;
+use super::record::Timed;
+use super::rendering::{Rendering, Target};
+use crate::base::error::Result;
+use crate::base::observe::{self, Observer, stage};
+use crate::base::par;
+use crate::raster::image::Plane;
+use crate::render::appearance::Appearance;
+use crate::render::blend::Blender;
+use crate::render::composite::Compositor;
+use crate::video::clip::Sink;
+
+/// Frames that appearance matching learns from.
+const MATCHED: usize = 8;
+
+/// Finds the loop of every clip that is used, and how strong its differences are.
+///
+/// # Errors
+/// A damaged pack, a clip that cannot be looped, a cancel.
+pub fn study(run: &Run, placed: &Placed) -> Result<Vec<Clip>> {
+    let Run { scene, sources, observer, .. } = *run;
+    let output = scene.settings().output;
+    let levels = placed.layout.levels();
+    stage(observer, "loops", placed.clips.len() as u64, || {
+        par::try_map(placed.clips.len(), |i| {
+            let Footage { pack, clip, rate } = placed.clips[i];
+            let pack = &sources.packs[pack].1;
+            // As many library frames as the output lasts at this rate, so that water falls as fast at any frame rate.
+            let seconds = RATES[rate] * output.frames as f32 / output.fps;
+            let frames = ((seconds * pack.parameters().rate as f32).round() as usize).max(2);
+            let used = levels.iter().filter(|l| placed.sources[l.source].0 == i).map(|l| l.scale);
+            let scales = BTreeSet::from_iter(used).into_iter().collect();
+            let clip = Clip::study(pack, clip, scales, frames, observer);
+            observer.advance("loops", 1);
+            clip
+        })
+    })
+}
+
+/// Makes the frames in blocks: the clips of a block are decoded in parallel, then its differences are blended in
+/// parallel, while the frames of the block before are put together and written. An outline that moves is followed
+/// through some frames of the loop before the first one that is written.
+///
+/// # Errors
+/// A damaged pack, a sink that fails, a cancel.
+pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, sink: &mut dyn Sink) -> Result<()> {
+    let Run { scene, observer, .. } = *run;
+    let (output, wanted) = (scene.settings().output, scene.wanted_frames());
+    let streams = streams(placed, clips, rendering, output.frames)?;
+    let block = memory::block_frames(scene, frame_bytes(&streams))?;
+    // Streams repeat, so the frames before the first are those that far before the end of a later round. A part of the
+    // loop follows an outline that moves from the same frame on.
+    let first = rendering.run_in.next_multiple_of(output.frames);
+    let start = if rendering.run_in == 0 { first + wanted.start } else { first - rendering.run_in };
+    let (first, end) = (first + wanted.start, first + wanted.end);
+    let matched = stage(observer, "appearance", 0, || {
+        learn(&rendering.target, &rendering.blender, &streams, output.frames, observer)
+    })?;
+    let make = |b: usize| {
+        let range = start + b * block..(start + (b + 1) * block).min(end);
+        let levels = bands_of(&streams, range, observer)?;
+        let blended = |i: usize| rendering.blender.frame(&levels[i]);
+        Ok(par::map(levels.len(), |i| matched.as_ref().map_or_else(|| blended(i), |m| m.apply(&blended(i)))))
+    };
+    let mut outline = rendering.outline.clone();
+    let mut writer = Writer { compositor: &rendering.compositor, alpha: output.alpha, sink, observer };
+    stage(observer, "frames", wanted.len() as u64, || {
+        par::ordered_map(0..(end - start).div_ceil(block), 2, make, |b, differences: Vec<Plane>| {
+            observe::check(observer)?;
+            let outlines = outline.follow(&differences);
+            let before = (first - start).saturating_sub(b * block).min(differences.len());
+            let t = (start + b * block + before) % output.frames;
+            writer.write(t, &differences[before..], &outlines[before..])
+        })
+    })
+}
+
+/// Per source of the layout: its clip's frames, from its phase on.
+fn streams<'a>(placed: &Placed, clips: &'a [Clip], rendering: &Rendering, frames: usize) -> Result<Vec<Stream<'a>>> {
+    let phases = placed.sources.iter().map(|s| s.1).max().unwrap_or(0) + 1;
+    let levels = rendering.blender.levels();
+    let stream = |(source, &(clip, phase)): (usize, &(usize, usize))| {
+        let scales = levels.iter().filter(|l| l.source == source).map(|l| l.scale).collect();
+        Stream::new(&clips[clip], stagger(clip) + phase as f64 / phases as f64, frames, scales)
+    };
+    placed.sources.iter().enumerate().map(stream).collect()
+}
+
+/// Phase of the loop at which the `clip`th clip begins, spread evenly however many there are (multiples of the golden
+/// ratio): with all loops closing at the same frame, their fades would be seen as one.
+fn stagger(clip: usize) -> f64 {
+    const GOLDEN: f64 = 0.618_033_988_749_894_9;
+    (clip as f64 * GOLDEN).fract()
+}
+
+/// The curves that bring frames of the loop to the picture, where that is wanted.
+fn learn(
+    target: &Target,
+    blender: &Blender,
+    streams: &[Stream],
+    frames: usize,
+    observer: &Timed,
+) -> Result<Option<Appearance>> {
+    if target.matching.amount == 0.0 {
+        return Ok(None);
+    }
+    let count = MATCHED.min(frames);
+    let sample = |t: usize| Ok(blender.frame(&bands_of(streams, t..t + 1, observer)?[0]));
+    let samples = (0..count).map(|i| sample(i * frames / count)).collect::<Result<Vec<_>>>()?;
+    Ok(Some(Appearance::learn(&target.picture, &target.base, &target.matte, &samples, &target.matching)))
+}
+
+/// Puts frames together and hands them on.
+struct Writer<'a> {
+    compositor: &'a Compositor,
+    alpha: bool,
+    sink: &'a mut dyn Sink,
+    observer: &'a Timed<'a>,
+}
+
+impl Writer<'_> {
+    /// Writes the frames from `t` on, given as luma differences and outlines; one is made while the one before is written.
+    fn write(&mut self, t: usize, differences: &[Plane], outlines: &[Plane]) -> Result<()> {
+        let (compositor, alpha, observer) = (self.compositor, self.alpha, self.observer);
+        let make = |i: usize| {
+            Ok(if alpha {
+                let (fluid, opacity) = compositor.fluid(t + i, &differences[i], &outlines[i]);
+                (fluid, Some(opacity))
+            } else {
+                (compositor.frame(t + i, &differences[i], &outlines[i]), None)
+            })
+        };
+        par::ordered_map(0..differences.len(), 2, make, |_, (frame, opacity)| {
+            observe::check(observer)?;
+            match opacity {
+                Some(opacity) => self.sink.push_with_alpha(&frame, &opacity)?,
+                None => self.sink.push(&frame)?,
+            }
+            observer.advance("frames", 1);
+            Ok(())
+        })
+    }
+}

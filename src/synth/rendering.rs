@@ -1,0 +1,148 @@
+//! What all frames of a run share: weights, gains, the recovered picture, the outline before the first frame.
+
+use super::database::{Options, Run};
+use super::footage::Clip;
+use super::outline::{self, Outline};
+use super::pick::Choice;
+use super::placing::Placed;
+use crate::base::error::Result;
+use crate::base::observe::Observer;
+use crate::raster::image::{Color, Plane, Rgb8};
+use crate::render::appearance::Matching;
+use crate::render::blend::Blender;
+use crate::render::boundary::Boundary;
+use crate::render::composite::Compositor;
+use crate::render::contrast::{Match, Strength, Variance, match_contrast};
+use crate::render::drift::Travel;
+use crate::render::layers::Layers;
+use crate::render::layout::LevelKey;
+use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, make_room, recover};
+use crate::scene::scene::Still;
+
+/// Everything about the frames that does not change with time.
+pub struct Rendering {
+    /// The pieces' motion over the picture.
+    pub motion: AssignedMotion,
+    /// Integrates the pieces.
+    pub blender: Blender,
+    /// What frames are matched to.
+    pub target: Target,
+    /// Puts frames together.
+    pub compositor: Compositor,
+    /// The outline before the first frame.
+    pub outline: Outline,
+    /// How many frames before the first one the outline has to be followed from.
+    pub run_in: usize,
+    /// The background that was made for this picture.
+    pub background: Option<Rgb8>,
+}
+
+/// What frames should look like, and what they start from; planes at working size.
+pub struct Target {
+    /// How far frames are brought to the picture.
+    pub matching: Matching,
+    /// Luma of the picture's fluid.
+    pub picture: Plane,
+    /// Luma of the recovered average.
+    pub base: Plane,
+    /// The picture's matte.
+    pub matte: Plane,
+}
+
+/// The picture taken apart, for an outline that moves or fluid alone.
+pub struct Apart {
+    layers: Layers,
+    /// The background that was made, where none was given.
+    made: Option<Rgb8>,
+    /// How far the outline lets go of the matte.
+    tau: f32,
+}
+
+/// Takes the picture apart where the outline moves or the fluid is wanted alone.
+///
+/// # Errors
+/// A background that shows the same as the picture, a damaged pack, a cancel.
+pub fn separate(run: &Run, placed: &Placed) -> Result<Option<Apart>> {
+    let Run { still, observer, .. } = *run;
+    let tag = |choice: &Choice| {
+        let pack = &run.sources.packs[choice.pack].1;
+        Ok(pack.clips()[pack.piece(choice.piece)?.clip as usize].tag.as_str())
+    };
+    let tags = placed.choices.iter().map(tag).collect::<Result<Vec<_>>>()?;
+    let output = run.scene.settings().output;
+    // The option is meant for the library's rate: an outline must not stray farther where frames are fewer.
+    let tau = outline::looseness(run.options.tau, still, &tags, observer).powf(25.0 / output.fps);
+    if tau > 0.0 || output.alpha {
+        let (layers, made) = outline::separate(still, observer)?;
+        return Ok(Some(Apart { layers, made, tau }));
+    }
+    if still.background.is_some() {
+        observer.note("the outline does not move, so the background is not seen (database.tau = 0)");
+    }
+    Ok(None)
+}
+
+/// Weights, gains, recovered image: what all frames share.
+pub fn prepare(run: &Run, placed: &Placed, clips: &[Clip], apart: Option<Apart>) -> Rendering {
+    let Options { shutter, blur, recovery: amount, .. } = *run.options;
+    let Run { still, .. } = *run;
+    let matched = matched_contrast(run.options, placed, clips, still);
+    let motion = assigned_motion(&placed.layout);
+    // Before a background the fluid is recovered wherever it may come, from its own colours.
+    let (fluid, matte) = match &apart {
+        Some(Apart { layers, .. }) => (&layers.fluid, &layers.reach),
+        None => (&still.working, &still.working_matte),
+    };
+    let recovered = recover(fluid, matte, &motion, &Recovery { shutter, blur, amount });
+    let shares = std::array::from_fn(|band| placed.layout.spread(|i| matched.shares[i][band]));
+    let recovered = make_room(&recovered, fluid, matte, &shares);
+    let blender = Blender::new(&placed.layout, &matched.gains);
+    let target = Target {
+        matching: matching(run.options),
+        picture: fluid.luma(),
+        base: recovered.luma(),
+        matte: still.working_matte.clone(),
+    };
+    let compositor = drifting(run, compositor(still, apart.as_ref(), &recovered), &motion);
+    let (outline, run_in, background) = match apart {
+        None => (Outline::fixed(&still.working_matte), 0, None),
+        Some(Apart { layers, made, tau }) => {
+            (Outline::new(&layers, &target.base, tau, run.options.flicker), Boundary::run_in(tau), made)
+        }
+    };
+    Rendering { motion, blender, target, compositor, outline, run_in, background }
+}
+
+fn matched_contrast(options: &Options, placed: &Placed, clips: &[Clip], still: &Still) -> Match {
+    let &Options { strength, max_gain, coarse, .. } = options;
+    let variance = |key: &LevelKey| {
+        let clip = &clips[placed.sources[key.source].0];
+        clip.variance(key.scale).expect("a clip is studied at every scale it is used at")
+    };
+    let variances: Vec<&Variance> = placed.layout.levels().iter().map(variance).collect();
+    let strength = Strength { strength, max_gain, coarse };
+    match_contrast(&placed.layout, &variances, &still.working.luma(), &still.working_matte, &strength)
+}
+
+fn matching(options: &Options) -> Matching {
+    let &Options { appearance: amount, regions: region, appearance_gain: max_gain, .. } = options;
+    Matching { amount, region, max_gain }
+}
+
+fn compositor(still: &Still, apart: Option<&Apart>, recovered: &Color) -> Compositor {
+    let (picture, working) = (still.picture.clone(), &still.working);
+    match apart {
+        None => Compositor::new(picture, &still.matte, working, &still.working_matte, recovered),
+        Some(Apart { layers, .. }) => Compositor::layered(picture, &still.matte, working, layers, recovered),
+    }
+}
+
+/// Lets detail finer than a working pixel travel, where that is wanted.
+fn drifting(run: &Run, compositor: Compositor, motion: &AssignedMotion) -> Compositor {
+    if !run.options.drift {
+        return compositor;
+    }
+    let output = run.scene.settings().output;
+    let travel = Travel { motion: &motion.mean, pace: run.pace(), frames: output.frames, fps: output.fps };
+    compositor.drifting(&run.still.working, &travel)
+}
