@@ -123,7 +123,7 @@ fn notes(report: &ConformReport) -> Vec<String> {
         notes.push(format!("{} duplicate frames removed", report.duplicates_removed));
     }
     if report.frames_dropped > 0 {
-        notes.push(format!("{} frames dropped to reach {RATE} frames/s", report.frames_dropped));
+        notes.push(format!("{} frames left out to come near {RATE} frames/s", report.frames_dropped));
     }
     if (report.speed - 1.0).abs() > 0.005 {
         notes.push(format!("plays {:.2} times as fast as filmed", report.speed));

@@ -13,6 +13,9 @@ use crate::base::observe::Observer;
 
 /// Name of the lock file.
 const LOCK: &str = "lock";
+/// Version of how clips become frames and are judged; raised whenever either comes out otherwise, so that segments left
+/// by an older program are not taken for this one's.
+const READING: u32 = 2;
 /// Ending of segments.
 const SEGMENT: &str = "segment";
 
@@ -74,7 +77,8 @@ impl Workshop {
         let mut hasher = blake3::Hasher::new();
         hasher.update(&clip.0);
         hasher.update(&mask.unwrap_or_default());
-        for value in [u32::from(MAJOR), u32::from(MINOR), parameters.features, parameters.rate, parameters.working] {
+        let versions = [u32::from(MAJOR), u32::from(MINOR), parameters.features, READING];
+        for value in versions.into_iter().chain([parameters.rate, parameters.working]) {
             hasher.update(&value.to_le_bytes());
         }
         self.folder.join(format!("{}.{SEGMENT}", &hasher.finalize().to_hex()[..32]))

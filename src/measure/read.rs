@@ -19,6 +19,8 @@ pub const MAX_FRAMES: usize = 3000;
 pub const MIN_REFERENCE: usize = 32;
 /// Frames of a reference that are used, its first: half a minute.
 pub const MAX_REFERENCE: usize = 750;
+/// How much faster or slower than filmed a reference may play without a note (24 frames a second play as 25).
+const SAME_SPEED: f64 = 0.05;
 
 /// Frames as they were read.
 #[derive(Debug, Clone, PartialEq)]
@@ -61,8 +63,9 @@ pub fn video(path: &Path, long_side: usize, observer: &dyn Observer) -> Result<V
     Ok(Video { frames, size, fps: (1e9 / gap as f64) as f32 })
 }
 
-/// The first frames of a real clip, brought to `fps` frames per second and to a long side of at most `long_side` pixels
-/// as a clip of a library is (no bars, no duplicates, sides that are multiples of 16).
+/// The first frames of a real clip, to be played at `fps` frames per second, and brought to a long side of at most
+/// `long_side` pixels, as a clip of a library is: one frame in n, evenly, no bars, no duplicates, sides that are
+/// multiples of 16. At the library's rate it is then just what an animation of this clip shows.
 ///
 /// # Errors
 /// A file that cannot be read, fewer than [`MIN_REFERENCE`] frames, a cancel.
@@ -85,11 +88,9 @@ pub fn reference(path: &Path, fps: f32, long_side: usize, observer: &dyn Observe
             .remedy("name a longer clip"));
     }
     let speed = clip.report().speed;
-    if frames.len() < MAX_REFERENCE && speed > 1.0 + options.stretch {
-        observer.note(&format!(
-            "{}: it has fewer than {fps} frames a second, and is taken {speed:.2} times faster than life",
-            path.display()
-        ));
+    if (speed - 1.0).abs() > SAME_SPEED {
+        observer
+            .note(&format!("{}: plays {speed:.2} times as fast as filmed, at {fps} frames a second", path.display()));
     }
     Ok(frames)
 }

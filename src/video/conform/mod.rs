@@ -27,12 +27,10 @@ const LONG_LOOK: usize = 500;
 /// How clips are brought to one form.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ConformOptions {
-    /// Frames per second of the library.
+    /// Frames per second at which the library plays clips.
     pub rate: f64,
     /// Longest side of the working size in pixels; smaller clips are not enlarged.
     pub long_side: usize,
-    /// How far a clip's rate may be off to be taken frame for frame (0.05 = 5 %).
-    pub stretch: f64,
     /// Whether near-duplicate frames are removed.
     pub remove_duplicates: bool,
     /// Whether black bars are cropped.
@@ -43,14 +41,7 @@ pub struct ConformOptions {
 
 impl Default for ConformOptions {
     fn default() -> Self {
-        Self {
-            rate: 25.0,
-            long_side: 640,
-            stretch: 0.05,
-            remove_duplicates: true,
-            crop_bars: true,
-            decoder: Decoder::Auto,
-        }
+        Self { rate: 25.0, long_side: 640, remove_duplicates: true, crop_bars: true, decoder: Decoder::Auto }
     }
 }
 
@@ -77,11 +68,12 @@ pub struct ConformReport {
     pub frames_read: usize,
     /// Near-duplicates among them that were removed.
     pub duplicates_removed: usize,
-    /// Frames left out to come down to the library's rate.
+    /// Frames left out to come near the library's rate: one in n is kept, see [`clock`].
     pub frames_dropped: usize,
     /// Frames given out.
     pub frames_out: usize,
-    /// How much faster than life the frames given out play (1.04 for 24 frames per second taken as 25).
+    /// How much faster than filmed the frames given out play at the library's rate: 1.04 for 24 frames a second taken as
+    /// 25, 0.83 for 30.
     pub speed: f64,
 }
 
@@ -166,7 +158,7 @@ impl Conformed {
             source,
             scaler: Scaler::new(look.size.0, look.size.1, window),
             same: look.same,
-            clock: Clock::new(options.rate, options.stretch, look.period),
+            clock: Clock::new(options.rate, look.period),
             waiting: VecDeque::new(),
             kept: None,
             removed: 0,
@@ -187,6 +179,7 @@ impl Conformed {
         loop {
             if let Some(frame) = self.clock.pop() {
                 self.report.frames_out += 1;
+                self.report.speed = self.clock.speed();
                 return Ok(Some(turned(frame, self.report.turn)));
             }
             if self.over {
@@ -266,9 +259,6 @@ impl Conformed {
         let odd = self.gaps.iter().filter(|g| (*g - typical).abs() > (0.2 * typical).max(0.002)).count();
         self.report.variable_rate = odd * 50 > self.gaps.len();
         self.report.frames_dropped = self.clock.dropped();
-        if self.report.frames_out > 1 {
-            self.report.speed = self.clock.elapsed() * self.options.rate / (self.report.frames_out - 1) as f64;
-        }
     }
 }
 
