@@ -10,6 +10,7 @@ pub mod descriptor;
 pub mod flow;
 pub mod library;
 pub mod measure;
+pub mod patch;
 pub mod raster;
 pub mod render;
 pub mod report;

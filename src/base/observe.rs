@@ -14,6 +14,12 @@ pub trait Observer: Sync {
     fn end(&self, _stage: &str, _seconds: f64) {}
     /// Something the user should read: a warning, a fallback, a refusal.
     fn note(&self, _message: &str) {}
+    /// Whether [`Observer::picture`] is of use; pictures for debugging cost time to make.
+    fn wants_pictures(&self) -> bool {
+        false
+    }
+    /// A picture for debugging: its name, width and height, and packed sRGB bytes.
+    fn picture(&self, _name: &str, _size: (usize, usize), _rgb: &[u8]) {}
     /// True once the user asked to stop.
     fn cancelled(&self) -> bool {
         false

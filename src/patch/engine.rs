@@ -1,0 +1,459 @@
+//! The loop that all exemplar methods share: coarse to fine, search and vote in turns.
+
+use std::time::Instant;
+
+use super::atlas::{Atlas, Layers};
+use super::channels::{Layout, MODULATION, Stack};
+use super::nnf::{Nnf, usage_picture};
+use super::patch_match::{Search, Steps};
+use super::rules::{Rule, Rules};
+use super::segments::{Patches, Thresholds, labels};
+use super::vote::Vote;
+use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::{self, Observer};
+use crate::base::rng;
+use crate::raster::image::{Plane, Rgb8};
+use crate::raster::pyramid::reduce;
+
+/// The coarsest level's shortest side is about this many patches.
+const COARSEST: usize = 4;
+
+/// How the engine works.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Settings {
+    /// How the nearest-neighbour field is constrained.
+    pub rule: Rule,
+    /// Rounds of search and vote on the coarsest and on the finest level; between them in steps.
+    pub iterations: (usize, usize),
+    /// A level is done once a round lowers its energy by less than this share.
+    pub tolerance: f64,
+    /// Sweeps of PatchMatch in a round.
+    pub sweeps: usize,
+    /// What of blurred alpha is outline.
+    pub thresholds: Thresholds,
+    /// Seed of all random choices.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            rule: Rule::Plain,
+            iterations: (6, 2),
+            tolerance: 0.01,
+            sweeps: 4,
+            thresholds: Thresholds::default(),
+            seed: 1,
+        }
+    }
+}
+
+/// An image with all channels of a [`Layout`], in its order, values in [0, 1].
+#[derive(Debug, Clone)]
+pub struct Image {
+    /// One plane a channel, of equal size. In a target the synthesised ones are what synthesis starts from.
+    pub planes: Vec<Plane>,
+    /// Blurred alpha, from which the segments follow; without it there is one segment, the whole image.
+    pub blurred: Option<Plane>,
+}
+
+impl Image {
+    /// The image turned by 0, 90, 180 and 270° (LazyFluids, Fig. 8).
+    pub fn quarter_turns(&self) -> [Self; 4] {
+        let turn = |image: &Self| Self {
+            planes: image.planes.iter().map(quarter_turn).collect(),
+            blurred: image.blurred.as_ref().map(quarter_turn),
+        };
+        let (once, twice) = (turn(self), turn(&turn(self)));
+        let thrice = turn(&twice);
+        [self.clone(), once, twice, thrice]
+    }
+
+    fn size(&self) -> (usize, usize) {
+        self.planes.first().map_or((0, 0), |p| (p.width, p.height))
+    }
+
+    /// The image on `levels` levels, fine to coarse.
+    fn pyramid(&self, levels: usize) -> Vec<Layers> {
+        let mut all = vec![(self.planes.clone(), self.blurred.clone())];
+        while all.len() < levels {
+            let (planes, blurred) = &all[all.len() - 1];
+            all.push((planes.iter().map(reduce).collect(), blurred.as_ref().map(reduce)));
+        }
+        all
+    }
+}
+
+/// A plane turned by 90° clockwise.
+fn quarter_turn(plane: &Plane) -> Plane {
+    Plane::from_fn(plane.height, plane.width, |x, y| plane.at(y, plane.height - 1 - x))
+}
+
+/// Everything that patches may be taken from, on all levels, fine to coarse. Serves any number of frames.
+#[derive(Debug, Clone)]
+pub struct Source {
+    levels: Vec<Atlas>,
+}
+
+impl Source {
+    /// The images of the finest level, in which a [`Frame`]'s places lie.
+    pub fn atlas(&self) -> &Atlas {
+        &self.levels[0]
+    }
+}
+
+/// What a frame is made from.
+#[derive(Debug, Clone)]
+pub struct Target {
+    /// Guides, and what the synthesised channels start from: the previous frame carried along the flow, or anything.
+    pub image: Image,
+    /// Weight of the modulated channels at every pixel, in [0, 1]; full without it.
+    pub modulation: Option<Plane>,
+    /// The field of the previous frame, carried to where its patches are now.
+    pub previous: Option<Nnf>,
+}
+
+/// A synthesised frame.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    /// The synthesised channels, values in [0, 1]; 0 where no patch lies.
+    pub planes: Vec<Plane>,
+    /// From where in [`Source::atlas`] every patch was taken.
+    pub nnf: Nnf,
+    /// Coarse to fine, how it went.
+    pub levels: Vec<LevelReport>,
+}
+
+/// How the work on one level went.
+#[derive(Debug, Clone, Default)]
+pub struct LevelReport {
+    /// Width and height in pixels.
+    pub size: (usize, usize),
+    /// Number of source and of target patches.
+    pub patches: (usize, usize),
+    /// The energy after the search of each round: Σ of distances, in units of squared values at weight 1.
+    pub energies: Vec<f64>,
+    /// Seconds spent searching.
+    pub searching: f64,
+    /// Seconds spent voting.
+    pub voting: f64,
+}
+
+/// One level of one frame, ready to be worked on.
+#[derive(Debug)]
+pub(super) struct Level<'a> {
+    pub layout: &'a Layout,
+    pub atlas: &'a Atlas,
+    pub target: Patches,
+    /// The modulation in steps.
+    pub steps: Option<Vec<u8>>,
+    /// Seed of this level's random choices.
+    pub seed: u64,
+}
+
+impl Level<'_> {
+    /// The search from target to source.
+    pub fn search(&self) -> Search<'_> {
+        let steps = self.steps.as_deref().map_or(Steps::Full, Steps::From);
+        Search { layout: self.layout, from: &self.target, to: &self.atlas.patches, steps }
+    }
+
+    /// The larger side of the source in pixels: how far apart two patches may lie.
+    pub fn reach(&self) -> usize {
+        (0..self.atlas.images()).map(|i| self.atlas.size(i)).map(|(w, h)| w.max(h)).max().unwrap_or(0)
+    }
+}
+
+/// The patch-optimization engine: channels, patch size and how the field is constrained.
+#[derive(Debug, Clone)]
+pub struct Engine {
+    layout: Layout,
+    settings: Settings,
+}
+
+impl Engine {
+    /// An engine for the channels of `layout`.
+    pub fn new(layout: Layout, settings: Settings) -> Self {
+        Self { layout, settings }
+    }
+
+    /// The channels and their weights.
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    /// Prepares exemplar images (frames, turned copies, several exemplars). All their patches count as one source.
+    ///
+    /// # Errors
+    /// No image, planes that are not the layout's channels or differ in size, an image smaller than a patch, or nothing in
+    /// the images that is opaque enough for a patch.
+    pub fn source(&self, images: &[Image]) -> Result<Source> {
+        let sizes = images.iter().map(|image| self.checked("exemplar", image)).collect::<Result<Vec<_>>>()?;
+        let shortest = sizes.iter().map(|&(w, h)| w.min(h)).min();
+        let shortest = shortest.ok_or_else(|| Error::new(Kind::Usage, "exemplar", "there is no image"))?;
+        let count = self.levels(shortest);
+        let pyramids: Vec<Vec<Layers>> = images.iter().map(|image| image.pyramid(count)).collect();
+        let atlas = |level: usize| {
+            let layers: Vec<Layers> = pyramids.iter().map(|p| p[level].clone()).collect();
+            Atlas::new(&layers, self.layout.radius(), self.settings.thresholds)
+        };
+        let source = Source { levels: (0..count).map(atlas).collect() };
+        if source.atlas().patches.count() == 0 {
+            return Err(Error::new(Kind::Unusable, "exemplar", "its alpha is nowhere opaque enough for a patch")
+                .allowed(format!("blurred alpha above {}", self.settings.thresholds.lower)));
+        }
+        Ok(source)
+    }
+
+    /// Synthesises one frame (LazyFluids, Eq. 7): coarse to fine, and on every level search and vote in turns.
+    ///
+    /// Where the target has a segment (outline, interior) that the source lacks on a level, both count as one there; where
+    /// the source has one that the target lacks, its patches are not used. A target without any patch gives a black frame.
+    ///
+    /// # Errors
+    /// Planes that are not the layout's channels or differ in size, an image smaller than a patch, or a cancel.
+    pub fn frame(&self, source: &Source, target: &Target, observer: &dyn Observer) -> Result<Frame> {
+        let (width, height) = self.checked("target", &target.image)?;
+        let count = self.levels(width.min(height)).min(source.levels.len());
+        let layers = target.image.pyramid(count);
+        let modulation = target.modulation.as_ref().map(|m| modulation_pyramid(m, count));
+        let mut state: Option<(&Atlas, Nnf)> = None;
+        let mut reports = Vec::with_capacity(count);
+        let merged: Vec<Option<Atlas>> = (0..count).map(|n| self.merged(&source.levels[n], &layers[n])).collect();
+        for n in (0..count).rev() {
+            let atlas = merged[n].as_ref().unwrap_or(&source.levels[n]);
+            let mut level = Level {
+                layout: &self.layout,
+                atlas,
+                target: self.patches(&layers[n], merged[n].is_some()),
+                steps: modulation.as_ref().map(|m| m[n].clone()),
+                seed: rng::hash(self.settings.seed, &[n as u64]),
+            };
+            let mut nnf = match &state {
+                None => Nnf::random(&level.target, &atlas.patches, level.seed),
+                Some((coarser, nnf)) => nnf.refined(coarser, &level.target, atlas, level.seed),
+            };
+            if state.is_some() {
+                self.vote(&nnf, atlas).write(&mut level.target.stack);
+            }
+            if let Some(previous) = &target.previous {
+                nnf.merge(&level.search(), &previous.coarsened(source.atlas(), n, &level.target, atlas));
+            }
+            let rounds = self.rounds(n, count);
+            reports.push(self.level(&mut level, &mut nnf, rounds, observer)?);
+            show(&level, &nnf, n, observer);
+            state = Some((atlas, nnf));
+        }
+        let (atlas, nnf) = state.ok_or_else(|| Error::new(Kind::Unusable, "target", "it has no level"))?;
+        Ok(Frame { planes: self.vote(&nnf, atlas).planes(), nnf, levels: reports })
+    }
+
+    /// Search and vote in turns until the energy hardly falls.
+    fn level(&self, level: &mut Level, nnf: &mut Nnf, rounds: usize, observer: &dyn Observer) -> Result<LevelReport> {
+        let stack = &level.target.stack;
+        let mut report = LevelReport {
+            size: (stack.width, stack.height),
+            patches: (level.atlas.patches.count(), level.target.count()),
+            ..LevelReport::default()
+        };
+        let mut rules = Rules::new(self.settings.rule, self.settings.sweeps);
+        for round in 0..rounds {
+            observe::check(observer)?;
+            let start = Instant::now();
+            rules.search(level, nnf, round);
+            report.searching += start.elapsed().as_secs_f64();
+            let energy = self.layout.to_energy(nnf.total() as f64);
+            let before = report.energies.last().copied().unwrap_or(f64::INFINITY);
+            report.energies.push(energy);
+            let start = Instant::now();
+            self.vote(nnf, level.atlas).write(&mut level.target.stack);
+            report.voting += start.elapsed().as_secs_f64();
+            if energy >= before * (1.0 - self.settings.tolerance) {
+                break;
+            }
+        }
+        Ok(report)
+    }
+
+    fn vote<'a>(&self, nnf: &'a Nnf, atlas: &'a Atlas) -> Vote<'a> {
+        let (radius, channels) = (self.layout.radius(), self.layout.synthesised());
+        Vote { nnf, source: &atlas.patches.stack, radius, channels, weights: None }
+    }
+
+    /// Rounds on level `n` of `count`, 0 the finest.
+    fn rounds(&self, n: usize, count: usize) -> usize {
+        let (coarse, fine) = self.settings.iterations;
+        let share = if count > 1 { n as f64 / (count - 1) as f64 } else { 1.0 };
+        ((fine as f64 + (coarse as f64 - fine as f64) * share).round() as usize).max(1)
+    }
+
+    /// Number of levels for an image with a shortest side of `shortest` pixels.
+    fn levels(&self, shortest: usize) -> usize {
+        let least = COARSEST * self.layout.side();
+        (1..).find(|n| shortest.div_ceil(1 << n) < least).unwrap_or(1)
+    }
+
+    fn patches(&self, (planes, blurred): &Layers, merged: bool) -> Patches {
+        let size = (planes[0].width, planes[0].height);
+        let labels = labels(size, self.layout.radius(), blurred.as_ref(), self.settings.thresholds);
+        let patches = Patches::new(Stack::from_planes(planes), labels);
+        if merged { patches.merged() } else { patches }
+    }
+
+    /// The source without segments, where it lacks one that the target has.
+    fn merged(&self, atlas: &Atlas, layers: &Layers) -> Option<Atlas> {
+        (!self.patches(layers, false).is_served_by(&atlas.patches)).then(|| atlas.merged())
+    }
+
+    /// The size of an image that has what the layout asks for.
+    fn checked(&self, what: &str, image: &Image) -> Result<(usize, usize)> {
+        let (width, height) = image.size();
+        let side = self.layout.side();
+        let (planes, channels) = (image.planes.len(), self.layout.channels().len());
+        if planes != channels {
+            return Err(Error::new(Kind::Usage, what, format!("{planes} planes")).allowed(format!("{channels}, one a channel")));
+        }
+        if image.planes.iter().chain(&image.blurred).any(|p| (p.width, p.height) != (width, height)) {
+            return Err(Error::new(Kind::Usage, what, "its planes differ in size"));
+        }
+        if width.min(height) < side {
+            return Err(Error::new(Kind::Unusable, what, format!("{width} × {height} pixels"))
+                .allowed(format!("at least {side} × {side}, one patch")));
+        }
+        Ok((width, height))
+    }
+}
+
+/// The modulation in steps on every level.
+fn modulation_pyramid(modulation: &Plane, levels: usize) -> Vec<Vec<u8>> {
+    let mut plane = modulation.clone();
+    let mut all = Vec::with_capacity(levels);
+    for n in 0..levels {
+        if n > 0 {
+            plane = reduce(&plane);
+        }
+        let step = |v: &f32| (v.clamp(0.0, 1.0) * f32::from(MODULATION) + 0.5) as u8;
+        all.push(plane.data.iter().map(step).collect());
+    }
+    all
+}
+
+/// Hands the field, the usage counts and the channels of a level to an observer that wants pictures.
+fn show(level: &Level, nnf: &Nnf, n: usize, observer: &dyn Observer) {
+    if !observer.wants_pictures() {
+        return;
+    }
+    let send = |name: &str, picture: &Rgb8| {
+        observer.picture(&format!("level {n} {name}"), (picture.width, picture.height), &picture.data);
+    };
+    send("field", &nnf.picture(level.atlas));
+    let mean = level.target.count() as f64 / level.atlas.patches.count().max(1) as f64;
+    send("usage", &usage_picture(&nnf.usage(level.atlas), level.atlas, mean));
+    for (c, channel) in level.layout.channels().iter().enumerate() {
+        let stack = &level.target.stack;
+        let data = (0..stack.width * stack.height).flat_map(|i| [stack.pixel(i)[c]; 3]).collect();
+        send(&format!("channel {}", channel.name), &Rgb8 { width: stack.width, height: stack.height, data });
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::channels::{Channel, Role};
+    use super::super::testing::{grey_layout, texture};
+    use super::*;
+    use crate::base::observe::Silent;
+    use crate::base::par;
+
+    fn image(planes: Vec<Plane>) -> Image {
+        Image { planes, blurred: None }
+    }
+
+    fn target(planes: Vec<Plane>) -> Target {
+        Target { image: image(planes), modulation: None, previous: None }
+    }
+
+    fn noise(width: usize, height: usize) -> Plane {
+        Plane::from_fn(width, height, |x, y| rng::unit(rng::hash(77, &[x as u64, y as u64])))
+    }
+
+    #[test]
+    fn a_texture_is_made_from_noise_and_the_energy_falls() {
+        let settings = Settings { iterations: (8, 8), tolerance: 0.0, ..Settings::default() };
+        let engine = Engine::new(grey_layout(2), settings);
+        let source = engine.source(&[image(vec![texture(64, 64, 0.0)])]).unwrap();
+        let frame = engine.frame(&source, &target(vec![noise(90, 70)]), &Silent).unwrap();
+        for level in &frame.levels {
+            let patches = level.patches.1 as f64;
+            // A vote rounds each of the 25 pixels of a patch to a byte.
+            let rounding = patches * 25.0 / 12.0 / 65025.0;
+            assert!(level.energies.windows(2).all(|e| e[1] <= e[0] + rounding), "{:?}", level.energies);
+        }
+        let last = frame.levels.last().unwrap();
+        // Within 3 % of the range per pixel.
+        assert!(last.energies.last().unwrap() / (last.patches.1 as f64 * 25.0) < 0.03f64.powi(2), "{last:?}");
+        let deviation = |p: &Plane| {
+            let mean = p.data.iter().sum::<f32>() / p.data.len() as f32;
+            (p.data.iter().map(|v| (v - mean).powi(2)).sum::<f32>() / p.data.len() as f32).sqrt()
+        };
+        let (made, given) = (deviation(&frame.planes[0]), deviation(&texture(64, 64, 0.0)));
+        assert!((0.5..1.5).contains(&(made / given)), "{made} {given}");
+    }
+
+    #[test]
+    fn guides_say_what_goes_where() {
+        let layout = Layout::new(2, vec![Channel::new("grey", 1.0, Role::Synthesised), Channel::new("guide", 1.0, Role::Guide)]);
+        let engine = Engine::new(layout.unwrap(), Settings::default());
+        let half = |w: usize, h: usize, dark: bool| Plane::from_fn(w, h, |x, _| if (x < w / 2) == dark { 0.2 } else { 0.8 });
+        let exemplar = half(60, 40, true);
+        let source = engine.source(&[image(vec![exemplar.clone(), exemplar])]).unwrap();
+        let frame = engine.frame(&source, &target(vec![noise(80, 50), half(80, 50, false)]), &Silent).unwrap();
+        assert!((frame.planes[0].at(20, 25) - 0.8).abs() < 0.05 && (frame.planes[0].at(60, 25) - 0.2).abs() < 0.05);
+    }
+
+    #[test]
+    fn where_alpha_is_nothing_nothing_is_made_and_edges_are_soft() {
+        let engine = Engine::new(grey_layout(2), Settings::default());
+        let alpha = |w: usize, h: usize| {
+            Plane::from_fn(w, h, |x, y| {
+                let r = (x as f32 - w as f32 / 2.0).hypot(y as f32 - h as f32 / 2.0);
+                ((h as f32 / 3.0 - r) / 6.0 + 0.5).clamp(0.0, 1.0)
+            })
+        };
+        let with = |w: usize, h: usize| Image { planes: vec![alpha(w, h)], blurred: Some(alpha(w, h)) };
+        let source = engine.source(&[with(60, 60)]).unwrap();
+        let all = Target { image: with(90, 72), modulation: None, previous: None };
+        let frame = engine.frame(&source, &all, &Silent).unwrap();
+        assert_eq!(frame.planes[0].at(3, 3), 0.0);
+        assert!(frame.planes[0].at(45, 36) > 0.95);
+        let empty = Target { image: Image { planes: vec![noise(40, 40)], blurred: Some(Plane::zeros(40, 40)) }, ..all.clone() };
+        let frame = engine.frame(&source, &empty, &Silent).unwrap();
+        assert!(frame.planes[0].data.iter().all(|&v| v == 0.0));
+        // An opaque exemplar has no outline: the target's whole fluid is one segment.
+        let opaque = engine.source(&[image(vec![texture(50, 50, 0.0)])]).unwrap();
+        let frame = engine.frame(&opaque, &all, &Silent).unwrap();
+        assert!(frame.nnf.assigned().count() > 1000 && frame.planes[0].at(45, 12) > 0.0);
+    }
+
+    #[test]
+    fn the_same_frame_on_any_number_of_threads() {
+        let engine = Engine::new(grey_layout(2), Settings::default());
+        let source = engine.source(&image(vec![texture(50, 40, 0.0)]).quarter_turns()).unwrap();
+        let run = |threads| {
+            par::with_threads(threads, || engine.frame(&source, &target(vec![noise(70, 60)]), &Silent).unwrap()).unwrap()
+        };
+        let (one, two, three) = (run(1), run(2), run(3));
+        assert!(one.planes == two.planes && one.planes == three.planes && one.nnf == two.nnf && one.nnf == three.nnf);
+    }
+
+    #[test]
+    fn bad_images_are_named() {
+        let engine = Engine::new(grey_layout(2), Settings::default());
+        let message = |images: &[Image]| engine.source(images).unwrap_err().to_string();
+        assert!(message(&[]).contains("no image"));
+        assert!(message(&[image(vec![noise(9, 9), noise(9, 9)])]).contains("one a channel"));
+        assert!(message(&[image(vec![noise(9, 4)])]).contains("at least 5 × 5"));
+        let clear = Image { planes: vec![noise(9, 9)], blurred: Some(Plane::zeros(9, 9)) };
+        assert!(message(std::slice::from_ref(&clear)).contains("opaque enough"));
+        assert!(message(&[Image { blurred: Some(Plane::zeros(9, 8)), ..clear }]).contains("differ in size"));
+    }
+}
