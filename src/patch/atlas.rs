@@ -101,7 +101,8 @@ mod tests {
 
     #[test]
     fn every_patch_is_found_where_it_lies() {
-        let image = |w: usize, h: usize, o: f32| (vec![Plane::from_fn(w, h, |x, y| o + (x + 7 * y) as f32 / 255.0)], None);
+        let image =
+            |w: usize, h: usize, o: f32| (vec![Plane::from_fn(w, h, |x, y| o + (x + 7 * y) as f32 / 255.0)], None);
         let atlas = Atlas::new(&[image(9, 6, 0.0), image(6, 9, 0.25)], 2, Thresholds::default());
         assert_eq!((atlas.images(), atlas.patches.count(), atlas.size(1)), (2, 5 * 2 + 2 * 5, (6, 9)));
         for &centre in atlas.patches.centres(INTERIOR) {

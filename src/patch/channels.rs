@@ -136,7 +136,8 @@ fn scale(weights: impl Iterator<Item = f64>, side: usize) -> Option<f64> {
     let positive: Vec<f64> = weights.filter(|&w| w > 0.0).collect();
     let largest = positive.iter().copied().reduce(f64::max)?;
     let total: f64 = positive.iter().sum();
-    let most = f64::from(MAX_WEIGHT).min(MAX_DISTANCE * largest / (total * (side * side) as f64 * 255.0 * 255.0)).floor();
+    let most =
+        f64::from(MAX_WEIGHT).min(MAX_DISTANCE * largest / (total * (side * side) as f64 * 255.0 * 255.0)).floor();
     let error = |top: f64| {
         let s = top / largest;
         positive.iter().map(|w| ((w * s).round() / (w * s) - 1.0).abs()).fold(0.0, f64::max)
@@ -277,7 +278,8 @@ mod tests {
     fn bytes_come_back() {
         let planes = [0.0, 0.5].map(|o| Plane::from_fn(5, 3, |x, y| (x + y) as f32 / 14.0 + o));
         let stack = Stack::from_planes(&planes);
-        let worst = (0..2).flat_map(|c| stack.plane(c).data.into_iter().zip(planes[c].data.clone()).collect::<Vec<_>>());
+        let worst =
+            (0..2).flat_map(|c| stack.plane(c).data.into_iter().zip(planes[c].data.clone()).collect::<Vec<_>>());
         assert!(worst.into_iter().all(|(a, b)| (a - b).abs() <= 0.5 / 255.0 + 1e-6));
     }
 }

@@ -35,9 +35,8 @@ impl Comparison<'_> {
     #[inline]
     pub fn nearest(&self, centre: u32, candidates: &[Candidate], limit: u32) -> Option<(usize, u32)> {
         let layout = self.layout;
-        let corner = |stack: &Stack, centre: u32| {
-            (centre as usize - layout.radius() * (stack.width + 1)) * stack.channels
-        };
+        let corner =
+            |stack: &Stack, centre: u32| (centre as usize - layout.radius() * (stack.width + 1)) * stack.channels;
         let patch = Patch {
             from: &self.from.bytes()[corner(self.from, centre)..],
             from_stride: self.from.stride(),
@@ -147,7 +146,9 @@ mod tests {
 
     fn noise(width: usize, height: usize, channels: usize, seed: u64) -> Stack {
         let planes: Vec<Plane> = (0..channels as u64)
-            .map(|c| Plane::from_fn(width, height, |x, y| below(hash(seed, &[c, x as u64, y as u64]), 256) as f32 / 255.0))
+            .map(|c| {
+                Plane::from_fn(width, height, |x, y| below(hash(seed, &[c, x as u64, y as u64]), 256) as f32 / 255.0)
+            })
             .collect();
         Stack::from_planes(&planes)
     }

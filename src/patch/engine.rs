@@ -311,7 +311,9 @@ impl Engine {
         let side = self.layout.side();
         let (planes, channels) = (image.planes.len(), self.layout.channels().len());
         if planes != channels {
-            return Err(Error::new(Kind::Usage, what, format!("{planes} planes")).allowed(format!("{channels}, one a channel")));
+            return Err(
+                Error::new(Kind::Usage, what, format!("{planes} planes")).allowed(format!("{channels}, one a channel"))
+            );
         }
         if image.planes.iter().chain(&image.blurred).any(|p| (p.width, p.height) != (width, height)) {
             return Err(Error::new(Kind::Usage, what, "its planes differ in size"));
@@ -401,9 +403,11 @@ mod tests {
 
     #[test]
     fn guides_say_what_goes_where() {
-        let layout = Layout::new(2, vec![Channel::new("grey", 1.0, Role::Synthesised), Channel::new("guide", 1.0, Role::Guide)]);
+        let layout =
+            Layout::new(2, vec![Channel::new("grey", 1.0, Role::Synthesised), Channel::new("guide", 1.0, Role::Guide)]);
         let engine = Engine::new(layout.unwrap(), Settings::default());
-        let half = |w: usize, h: usize, dark: bool| Plane::from_fn(w, h, |x, _| if (x < w / 2) == dark { 0.2 } else { 0.8 });
+        let half =
+            |w: usize, h: usize, dark: bool| Plane::from_fn(w, h, |x, _| if (x < w / 2) == dark { 0.2 } else { 0.8 });
         let exemplar = half(60, 40, true);
         let source = engine.source(&[image(vec![exemplar.clone(), exemplar])]).unwrap();
         let frame = engine.frame(&source, &target(vec![noise(80, 50), half(80, 50, false)]), &Silent).unwrap();
@@ -425,7 +429,8 @@ mod tests {
         let frame = engine.frame(&source, &all, &Silent).unwrap();
         assert_eq!(frame.planes[0].at(3, 3), 0.0);
         assert!(frame.planes[0].at(45, 36) > 0.95);
-        let empty = Target { image: Image { planes: vec![noise(40, 40)], blurred: Some(Plane::zeros(40, 40)) }, ..all.clone() };
+        let empty =
+            Target { image: Image { planes: vec![noise(40, 40)], blurred: Some(Plane::zeros(40, 40)) }, ..all.clone() };
         let frame = engine.frame(&source, &empty, &Silent).unwrap();
         assert!(frame.planes[0].data.iter().all(|&v| v == 0.0));
         // An opaque exemplar has no outline: the target's whole fluid is one segment.
@@ -439,7 +444,8 @@ mod tests {
         let engine = Engine::new(grey_layout(2), Settings::default());
         let source = engine.source(&image(vec![texture(50, 40, 0.0)]).quarter_turns()).unwrap();
         let run = |threads| {
-            par::with_threads(threads, || engine.frame(&source, &target(vec![noise(70, 60)]), &Silent).unwrap()).unwrap()
+            par::with_threads(threads, || engine.frame(&source, &target(vec![noise(70, 60)]), &Silent).unwrap())
+                .unwrap()
         };
         let (one, two, three) = (run(1), run(2), run(3));
         assert!(one.planes == two.planes && one.planes == three.planes && one.nnf == two.nnf && one.nnf == three.nnf);

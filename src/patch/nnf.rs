@@ -97,7 +97,8 @@ impl Nnf {
         at(x, y).or_else(|| {
             let around = |v: usize, size: usize| v.saturating_sub(REACH)..(v + REACH + 1).min(size);
             let all = around(y, rows).flat_map(|cy| around(x, self.width).map(move |cx| (cx, cy)));
-            all.filter_map(|(cx, cy)| at(cx, cy)).min_by_key(|&(_, cx, cy)| (cx.abs_diff(x).pow(2) + cy.abs_diff(y).pow(2), cy, cx))
+            all.filter_map(|(cx, cy)| at(cx, cy))
+                .min_by_key(|&(_, cx, cy)| (cx.abs_diff(x).pow(2) + cy.abs_diff(y).pow(2), cy, cx))
         })
     }
 
@@ -125,7 +126,11 @@ impl Nnf {
             let (image, x, y) = atlas.locate(cell.place);
             let (width, height) = atlas.size(image);
             let scale = |v: usize, size: usize| (32 + 223 * v / size.max(1)) as u8;
-            out.data[3 * i..3 * i + 3].copy_from_slice(&[scale(x, width), scale(y, height), scale(image, atlas.images())]);
+            out.data[3 * i..3 * i + 3].copy_from_slice(&[
+                scale(x, width),
+                scale(y, height),
+                scale(image, atlas.images()),
+            ]);
         }
         out
     }

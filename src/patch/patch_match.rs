@@ -164,8 +164,8 @@ impl Band<'_> {
 #[cfg(test)]
 mod tests {
     use super::super::testing::{grey_layout, grey_patches, texture};
-    use crate::raster::image::Plane;
     use super::*;
+    use crate::raster::image::Plane;
 
     /// The least distance of every patch, by trying all.
     fn brute_force(search: &Search) -> Vec<u32> {

@@ -117,7 +117,10 @@ mod tests {
         let labels = labels((21, 9), 2, Some(&ramp), Thresholds::default());
         let row = |y: usize| &labels[y * 21..(y + 1) * 21];
         assert!(row(1).iter().all(|&l| l == NO_PATCH));
-        assert_eq!((row(4)[2], row(4)[3], row(4)[17], row(4)[18], row(4)[19]), (NO_PATCH, BOUNDARY, BOUNDARY, INTERIOR, NO_PATCH));
+        assert_eq!(
+            (row(4)[2], row(4)[3], row(4)[17], row(4)[18], row(4)[19]),
+            (NO_PATCH, BOUNDARY, BOUNDARY, INTERIOR, NO_PATCH)
+        );
         let patches = Patches::new(Stack::zeros(21, 9, 1), labels);
         assert_eq!((patches.centres(BOUNDARY).len(), patches.centres(INTERIOR).len()), (75, 5));
         assert_eq!(patches.merged().centres(INTERIOR).len(), 80);

@@ -24,6 +24,8 @@ pub fn texture(width: usize, height: usize, offset: f32) -> Plane {
         Plane::from_fn(width + 8, height + 8, |x, y| unit(hash(seed, &[at(x), at(y)])) - 0.5)
     };
     let (coarse, fine, grain) = (gaussian(&noise(1), 4.0), gaussian(&noise(2), 1.2), noise(3));
-    let value = |x: usize, y: usize| 0.5 + 3.5 * coarse.at(x + 4, y + 4) + 0.8 * fine.at(x + 4, y + 4) + 0.05 * grain.at(x + 4, y + 4);
+    let value = |x: usize, y: usize| {
+        0.5 + 3.5 * coarse.at(x + 4, y + 4) + 0.8 * fine.at(x + 4, y + 4) + 0.05 * grain.at(x + 4, y + 4)
+    };
     Plane::from_fn(width, height, |x, y| value(x, y).clamp(0.0, 1.0))
 }
