@@ -79,7 +79,7 @@ impl<'a> Search<'a> {
             let band = Band { search: self, before: &before, first: number * BAND * width };
             let mut candidates = Vec::new();
             for k in 0..cells.len() {
-                let k = if sweep.number % 2 == 0 { k } else { cells.len() - 1 - k };
+                let k = if sweep.number.is_multiple_of(2) { k } else { cells.len() - 1 - k };
                 if cells[k].place != Place::NONE {
                     band.improve(cells, k, sweep, &mut candidates);
                 }
