@@ -5,9 +5,12 @@
 
 use std::any::Any;
 use std::collections::VecDeque;
+use std::panic::AssertUnwindSafe;
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use rayon::Scope;
 use rayon::prelude::*;
 
 use super::error::{Error, Kind, Result};
@@ -67,8 +70,9 @@ pub fn join<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> 
     rayon::join(a, b)
 }
 
-/// Makes items `range` in parallel, at most `window` of them alive at once, and pushes them in order on the calling
-/// thread. `make` and `push` overlap only between windows' halves, so memory stays bounded by `window` items.
+/// Makes items `range` one after another (each may use all threads) and pushes them in order on the calling thread.
+/// Making runs ahead of pushing, so that a push that takes long starves nobody; at most `window` items (2 at least)
+/// are alive at once, the one being made and the one being pushed among them.
 ///
 /// # Errors
 /// The first error of `make` (by index) or of `push`; later items are dropped.
@@ -76,24 +80,88 @@ pub fn ordered_map<T: Send>(
     range: std::ops::Range<usize>,
     window: usize,
     make: impl Fn(usize) -> Result<T> + Sync + Send,
-    mut push: impl FnMut(usize, T) -> Result<()> + Send,
+    mut push: impl FnMut(usize, T) -> Result<()>,
 ) -> Result<()> {
-    let half = (window / 2).max(1);
-    let chunk = |start: usize| start..(start + half).min(range.end);
-    let make_chunk = |r: std::ops::Range<usize>| -> Vec<Result<T>> { r.into_par_iter().map(&make).collect() };
-    let mut start = range.start;
-    let mut ready = make_chunk(chunk(start));
-    while start < range.end {
-        let next = start + half;
-        let (pushed, made) = rayon::join(
-            || ready.into_iter().enumerate().try_for_each(|(i, item)| push(start + i, item?)),
-            || if next < range.end { make_chunk(chunk(next)) } else { Vec::new() },
-        );
-        pushed?;
-        ready = made;
-        start = next;
+    let line = Line { make, end: range.end, ahead: window.max(2) - 2, belt: Mutex::default(), arrival: Condvar::new() };
+    line.belt().next = range.start;
+    rayon::in_place_scope(|scope| {
+        for i in range {
+            line.start(scope);
+            let item = line.take();
+            line.start(scope);
+            let pushed = item.and_then(|item| push(i, item));
+            if pushed.is_err() {
+                line.belt().stopped = true;
+                return pushed;
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Items on their way from a maker to a pusher.
+struct Line<T, F> {
+    make: F,
+    end: usize,
+    /// Most items that lie ready while another is made.
+    ahead: usize,
+    belt: Mutex<Belt<T>>,
+    arrival: Condvar,
+}
+
+struct Belt<T> {
+    ready: VecDeque<Finished<Result<T>>>,
+    next: usize,
+    making: bool,
+    stopped: bool,
+}
+
+impl<T> Default for Belt<T> {
+    fn default() -> Self {
+        Self { ready: VecDeque::new(), next: 0, making: false, stopped: false }
     }
-    Ok(())
+}
+
+impl<T: Send, F: Fn(usize) -> Result<T> + Sync + Send> Line<T, F> {
+    fn belt(&self) -> MutexGuard<'_, Belt<T>> {
+        self.belt.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Starts making the next item where none is being made and there is room.
+    fn start<'s>(&'s self, scope: &Scope<'s>) {
+        let mut belt = self.belt();
+        if belt.making || belt.stopped || belt.next >= self.end || belt.ready.len() > self.ahead {
+            return;
+        }
+        belt.making = true;
+        let i = belt.next;
+        belt.next += 1;
+        scope.spawn(move |scope| {
+            let item = std::panic::catch_unwind(AssertUnwindSafe(|| (self.make)(i)));
+            let mut belt = self.belt();
+            belt.ready.push_back(item);
+            belt.making = false;
+            drop(belt);
+            self.arrival.notify_one();
+            self.start(scope);
+        });
+    }
+
+    /// The next item; waits for it, and on a thread of the pool does other work meanwhile.
+    fn take(&self) -> Result<T> {
+        loop {
+            if let Some(item) = self.belt().ready.pop_front() {
+                return item.unwrap_or_else(|panic| std::panic::resume_unwind(panic));
+            }
+            if rayon::yield_now() != Some(rayon::Yield::Executed) {
+                // Another thread is at it. Short waits, for on the pool there may be something to do again soon.
+                let belt = self.belt();
+                if belt.ready.is_empty() {
+                    drop(self.arrival.wait_timeout(belt, PATIENCE));
+                }
+            }
+        }
+    }
 }
 
 /// Work that goes on in the background on the pool, its results handed over in the order in which it was started; what is
@@ -118,7 +186,7 @@ impl<T: Send + 'static> Tasks<T> {
     pub fn start(&mut self, bytes: usize, work: impl FnOnce() -> T + Send + 'static) {
         let (sender, receiver) = channel();
         rayon::spawn(move || {
-            let result = std::panic::catch_unwind(std::panic::AssertUnwindSafe(work));
+            let result = std::panic::catch_unwind(AssertUnwindSafe(work));
             // Nobody waits for the results of a run that was given up.
             let _ = sender.send(result);
         });
@@ -221,6 +289,33 @@ mod tests {
             .unwrap();
             assert_eq!(seen, (0..n).collect::<Vec<_>>());
         }
+    }
+
+    #[test]
+    fn ordered_map_makes_ahead_within_its_window() {
+        use std::sync::atomic::{AtomicUsize, Ordering::SeqCst};
+        for (threads, window) in [(1, 2), (2, 2), (3, 5)] {
+            let (alive, most) = (AtomicUsize::new(0), AtomicUsize::new(0));
+            let make = |i: usize| {
+                most.fetch_max(alive.fetch_add(1, SeqCst) + 1, SeqCst);
+                Ok(map(3, |k| i + k).len())
+            };
+            let push = |_, _| {
+                std::thread::sleep(Duration::from_micros(300));
+                alive.fetch_sub(1, SeqCst);
+                Ok(())
+            };
+            with_threads(threads, || ordered_map(0..40, window, make, push)).unwrap().unwrap();
+            assert!(most.load(SeqCst) <= window, "{most:?} of {window}");
+        }
+    }
+
+    #[test]
+    fn a_panic_while_making_reaches_who_pushes() {
+        let make = |i: usize| if i == 2 { panic!("on purpose") } else { Ok(i) };
+        let run = || ordered_map(0..5, 3, make, |_, _| Ok(()));
+        let taken = std::panic::catch_unwind(std::panic::AssertUnwindSafe(run));
+        assert_eq!(taken.unwrap_err().downcast_ref(), Some(&"on purpose"));
     }
 
     #[test]

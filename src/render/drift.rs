@@ -23,8 +23,9 @@ const SLANT: f32 = 256.0;
 pub struct Drift {
     width: usize,
     height: usize,
-    /// 255ths of luma, times the matte.
-    detail: Vec<i8>,
+    /// Per pixel the detail of itself, its right, lower and lower right neighbour, a byte each from the lowest up: 255ths
+    /// of luma, times the matte. One read serves an interpolation.
+    detail: Vec<u32>,
     /// Way of one life on cells, pixels of the output.
     way: Field,
     resizer: Resizer,
@@ -66,7 +67,7 @@ impl Drift {
         };
         let way = Field { u: way(&motion.u), v: way(&motion.v) };
         let resizer = Resizer::new((way.width(), way.height()), size);
-        Self { width: size.0, height: size.1, detail, way, resizer, scale, lives, frames }
+        Self { width: size.0, height: size.1, detail: squares(&detail, size), way, resizer, scale, lives, frames }
     }
 
     /// The detail of frame `t` in a window of the output, in luma, row by row.
@@ -89,15 +90,22 @@ impl Drift {
     #[inline(always)]
     fn at(&self, (x, y): (f32, f32)) -> f32 {
         let (x, y) = (x.clamp(0.0, self.width as f32 - 1.0), y.clamp(0.0, self.height as f32 - 1.0));
-        let (x0, y0) = (x as usize, y as usize);
+        let (x0, y0) = (x as u32, y as u32);
         let (ax, ay) = (x - x0 as f32, y - y0 as f32);
-        let (right, down) = (usize::from(x0 + 1 < self.width), if y0 + 1 < self.height { self.width } else { 0 });
-        let i = y0 * self.width + x0;
-        let value = |i: usize| f32::from(self.detail[i]);
-        let top = value(i) + ax * (value(i + right) - value(i));
-        let bottom = value(i + down) + ax * (value(i + down + right) - value(i + down));
+        // The place is always inside; written so that the compiler may read many at once.
+        let square = self.detail.get((y0 * self.width as u32 + x0) as usize).copied().unwrap_or(0);
+        let value = |shift: u32| ((square << (24 - shift)) as i32 >> 24) as f32;
+        let top = value(0) + ax * (value(8) - value(0));
+        let bottom = value(16) + ax * (value(24) - value(16));
         top + ay * (bottom - top)
     }
+}
+
+/// Every pixel with its right, lower and lower right neighbour, borders clamped.
+fn squares(detail: &[i8], (width, height): (usize, usize)) -> Vec<u32> {
+    let at = |x: usize, y: usize| u32::from(detail[y.min(height - 1) * width + x.min(width - 1)] as u8);
+    let square = |x, y| at(x, y) | at(x + 1, y) << 8 | at(x, y + 1) << 16 | at(x + 1, y + 1) << 24;
+    (0..height).flat_map(|y| (0..width).map(move |x| square(x, y))).collect()
 }
 
 /// Detail of the pixels from `(left, y)` to the right, of ways `u`, `v`.
@@ -144,7 +152,7 @@ mod tests {
             let out = still.window(t, 10..50, 20..40);
             for (i, v) in out.iter().enumerate() {
                 let (x, y) = (10 + i % 40, 20 + i / 40);
-                assert!((v * 255.0 - f32::from(still.detail[y * SIZE.0 + x])).abs() < 0.01);
+                assert!((v * 255.0 - f32::from(still.detail[y * SIZE.0 + x] as u8 as i8)).abs() < 0.01);
             }
         }
     }

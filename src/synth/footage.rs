@@ -1,10 +1,15 @@
 //! The frames of the clips that are used: looped, as differences from their average, and split into bands.
+//!
+//! Luma is held in 16 bits, whether a frame is kept from the study or read again, so that both give the same bytes.
 
 use std::sync::{Arc, Mutex, PoisonError};
+
+use multiversion::multiversion;
 
 use crate::base::error::Result;
 use crate::base::observe::{self, Observer};
 use crate::base::par;
+use crate::library::frames::KEYFRAME_EVERY;
 use crate::library::reader::{FrameReader, Pack};
 use crate::library::variant::level_size;
 use crate::raster::image::Plane;
@@ -23,6 +28,11 @@ const SEARCHED: usize = 2;
 const SAMPLE_STEP: usize = 8;
 /// Pairs of neighbouring frames that are compared.
 const PAIRS: usize = 3;
+/// White in 16 bits.
+const WHITE: f32 = 65535.0;
+
+/// Luma of a frame in 16 bits, row by row.
+type Luma = Vec<u16>;
 
 /// One clip that is used.
 pub struct Clip {
@@ -36,6 +46,8 @@ pub struct Clip {
     average: Plane,
     /// Its loop.
     pub plan: LoopPlan,
+    /// The frames from the loop's start to its end, where they are kept.
+    kept: Option<Vec<Luma>>,
     variance: Vec<Variance>,
     /// Per used scale and jump of the loop: how alike the two frames in the middle of the fade are, band by band.
     alike: Vec<Vec<[f32; BANDS]>>,
@@ -44,32 +56,32 @@ pub struct Clip {
 }
 
 impl Clip {
-    /// Reads the clip once: finds its loop of `frames` library frames and measures its differences at `scales`.
+    /// Reads the clip once: finds its loop of `frames` library frames and measures its differences at `scales`. With
+    /// `keep` the frames of the loop stay in memory, [`loop_bytes`] at most, and are not read again.
     ///
     /// The differences are from the average of the frames that the loop shows, not of the whole clip: what stands still
     /// in the loop but moved at another time (a twig, the light) would otherwise stay as a ghost in every frame.
     ///
     /// # Errors
     /// A damaged pack, a clip that cannot be looped, a cancel.
-    pub fn study(pack: &Arc<Pack>, clip: u32, scales: Vec<u8>, frames: usize, observer: &dyn Observer) -> Result<Self> {
+    pub fn study(
+        pack: &Arc<Pack>,
+        clip: u32,
+        scales: Vec<u8>,
+        frames: usize,
+        keep: bool,
+        observer: &dyn Observer,
+    ) -> Result<Self> {
         let meta = &pack.clips()[clip as usize];
         let size = (meta.width as usize, meta.height as usize);
         let searched = (meta.frames as usize).min((SEARCHED * frames).max(SEARCHED * FADE));
-        let mut lumas = Vec::with_capacity(searched);
-        let mut thumbnails = Vec::with_capacity(searched);
-        let mut reader = pack.frames(clip)?;
-        for t in 0..searched {
-            observe::check(observer)?;
-            let luma = reader.luma_at(t)?;
-            // Two cheap halvings first: most of the cost of a thumbnail is reading the full frame.
-            thumbnails.push(thumbnail(&reduce(&reduce(&luma))));
-            lumas.push(luma.data.iter().map(|l| (l * 255.0 + 0.5) as u8).collect::<Vec<u8>>());
-        }
+        let (mut lumas, thumbnails) = read(pack, clip, searched, observer)?;
         let plan = plan_loop(&Distances::between(&thumbnails), frames, FADE)?;
         let average = loop_average(&plan, &lumas, size);
         let of_frame = |frame: usize, scale: u8| {
-            let luma = lumas[frame].iter().map(|&l| f32::from(l) / 255.0).collect();
-            level_bands(&minus(Plane::from_vec(size.0, size.1, luma), &average), size, scale)
+            let mut differences = Plane::zeros(size.0, size.1);
+            add_difference(&mut differences.data, 1.0, &lumas[frame], &average.data);
+            level_bands(&differences, size, scale)
         };
         let mut variance = vec![Variance::default(); scales.len()];
         for t in (0..frames).step_by(SAMPLE_STEP) {
@@ -88,7 +100,13 @@ impl Clip {
         };
         let neighbours =
             scales.iter().map(|&scale| mean(pairs().map(|pair| likeness(pair, scale)).collect())).collect();
-        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, variance, alike, neighbours })
+        let kept = keep.then(|| lumas.drain(plan.start()..end(&plan, searched)).collect());
+        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, kept, variance, alike, neighbours })
+    }
+
+    /// A frame of the loop that was kept.
+    fn kept(&self, frame: usize) -> Option<&Luma> {
+        self.kept.as_ref().map(|kept| &kept[frame - self.plan.start()])
     }
 
     /// How strong its differences are at one of the scales it was studied at.
@@ -108,6 +126,55 @@ impl Clip {
     fn evens(&self, share: f32, scale: u8) -> [f32; BANDS] {
         let alike = self.scales.iter().position(|&s| s == scale).map(|i| &self.neighbours[i]);
         std::array::from_fn(|band| alike.map_or(1.0, |alike| even(share, alike[band])))
+    }
+}
+
+/// The first `count` frames of a clip, and their thumbnails.
+fn read(pack: &Pack, clip: u32, count: usize, observer: &dyn Observer) -> Result<(Vec<Luma>, Vec<Plane>)> {
+    // Runs of frames begin at keyframes, so that none is decoded twice.
+    let runs = par::try_map(count.div_ceil(KEYFRAME_EVERY), |run| {
+        let mut reader = pack.frames(clip)?;
+        let frame = |t: usize| {
+            observe::check(observer)?;
+            let luma = reader.luma_at(t)?;
+            // Two cheap halvings first: most of the cost of a thumbnail is reading the full frame.
+            Ok((rounded(&luma), thumbnail(&reduce(&reduce(&luma)))))
+        };
+        let first = run * KEYFRAME_EVERY;
+        (first..(first + KEYFRAME_EVERY).min(count)).map(frame).collect::<Result<Vec<_>>>()
+    })?;
+    Ok(runs.into_iter().flatten().unzip())
+}
+
+/// Most bytes that the loop of `frames` library frames of a clip takes when it is kept.
+pub fn loop_bytes(pack: &Pack, clip: u32, frames: usize) -> u64 {
+    let meta = &pack.clips()[clip as usize];
+    let kept = (meta.frames as usize).min(frames + FADE);
+    kept as u64 * u64::from(meta.width) * u64::from(meta.height) * size_of::<u16>() as u64
+}
+
+/// The frame after the last one that a loop shows, of a clip of which `searched` frames were looked at.
+fn end(plan: &LoopPlan, searched: usize) -> usize {
+    let longest = plan.segments().into_iter().max().unwrap_or(0);
+    (plan.start() + longest + plan.fade()).min(searched)
+}
+
+fn rounded(luma: &Plane) -> Luma {
+    let mut out = vec![0; luma.data.len()];
+    round(&luma.data, &mut out);
+    out
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn round(luma: &[f32], out: &mut [u16]) {
+    out.iter_mut().zip(luma).for_each(|(o, l)| *o = (l * WHITE + 0.5) as u16);
+}
+
+/// Adds `weight` times a frame's difference from the average.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn add_difference(sum: &mut [f32], weight: f32, luma: &[u16], average: &[f32]) {
+    for ((s, &l), a) in sum.iter_mut().zip(luma).zip(average) {
+        *s += weight * (f32::from(l) * (1.0 / WHITE) - a);
     }
 }
 
@@ -158,38 +225,52 @@ impl<'a> Stream<'a> {
         [(first as usize, 1.0 - share), (first as usize + 1, share)]
     }
 
-    /// The bands of output frame `t`, for every scale that is used; cheapest in order of `t`.
-    fn bands(&self, t: usize) -> Result<Vec<Bands>> {
-        let shown: Vec<_> = self.loop_frames(t).into_iter().filter(|f| f.1 > 0.0).collect();
-        let blends: Vec<_> = shown.iter().map(|&(place, share)| (self.clip.plan.at(place), share)).collect();
-        let differences = blends.iter().map(|(blend, _)| self.differences(blend)).collect::<Result<Vec<_>>>()?;
+    /// What output frame `t` is made of; cheapest in order of `t`.
+    fn mixture(&self, t: usize) -> Result<Mixture> {
+        let shown = self.loop_frames(t).into_iter().filter(|f| f.1 > 0.0);
+        let part = |(place, share)| {
+            let blend = self.clip.plan.at(place);
+            Ok((blend, share, self.differences(&blend)?))
+        };
+        Ok(Mixture(shown.map(part).collect::<Result<_>>()?))
+    }
+
+    /// Its bands, for every scale that is used.
+    fn bands(&self, Mixture(parts): &Mixture) -> Vec<Bands> {
         let of_scale = |&scale: &u8| {
-            let evens = self.clip.evens(shown[0].1, scale);
-            let scaled = blends.iter().zip(&differences).map(|((blend, share), differences)| {
+            let evens = self.clip.evens(parts[0].1, scale);
+            let scaled = parts.iter().map(|(blend, share, differences)| {
                 let gains = self.clip.gains(blend, scale);
                 let gains = std::array::from_fn(|band| share * evens[band] * gains[band]);
                 times(level_bands(differences, self.clip.size, scale), gains)
             });
             scaled.reduce(plus).expect("an output frame shows some library frame")
         };
-        Ok(self.scales.iter().map(of_scale).collect())
+        self.scales.iter().map(of_scale).collect()
     }
 
     /// The plain sum of a blend's frames as differences from the average.
     fn differences(&self, blend: &Blend) -> Result<Plane> {
-        // A reader holds nothing that an earlier panic could have left half-done: it seeks from a keyframe.
-        let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
         let mut sum = Plane::zeros(self.clip.size.0, self.clip.size.1);
-        let parts = [Some(blend.a), blend.b].into_iter().flatten();
-        for (reader, Part { frame, weight }) in readers.iter_mut().zip(parts) {
-            let luma = reader.luma_at(frame)?;
-            for ((s, l), a) in sum.data.iter_mut().zip(&luma.data).zip(&self.clip.average.data) {
-                *s += weight * (l - a);
+        let average = &self.clip.average.data;
+        for (number, Part { frame, weight }) in [Some(blend.a), blend.b].into_iter().flatten().enumerate() {
+            match self.clip.kept(frame) {
+                Some(luma) => add_difference(&mut sum.data, weight, luma, average),
+                None => {
+                    // A reader holds nothing that an earlier panic could have left half-done: it seeks from a keyframe.
+                    let mut readers = self.readers.lock().unwrap_or_else(PoisonError::into_inner);
+                    let luma = rounded(&readers[number].luma_at(frame)?);
+                    add_difference(&mut sum.data, weight, &luma, average);
+                }
             }
         }
         Ok(sum)
     }
 }
+
+/// The library frames that an output frame shows, with their shares, each as differences from the average: one, or two
+/// where the output has another rate.
+struct Mixture(Vec<(Blend, f32, Plane)>);
 
 fn times(mut bands: Bands, factors: [f32; BANDS]) -> Bands {
     for (band, factor) in bands.iter_mut().zip(factors).filter(|(_, f)| *f != 1.0) {
@@ -205,17 +286,19 @@ fn plus(mut sum: Bands, bands: Bands) -> Bands {
     sum
 }
 
-/// The bands of all streams for the output frames `range`, frame by frame, the levels of a frame ordered by stream and
-/// scale (the order of [`crate::render::layout::Layout::levels`]).
+/// The bands of all streams for the output frames `frames` (ascending), frame by frame, the levels of a frame ordered by
+/// stream and scale (the order of [`crate::render::layout::Layout::levels`]).
 ///
 /// # Errors
 /// A damaged pack, a cancel.
-pub fn bands_of(streams: &[Stream], range: std::ops::Range<usize>, observer: &dyn Observer) -> Result<Vec<Vec<Bands>>> {
+pub fn bands_of(streams: &[Stream], frames: &[usize], observer: &dyn Observer) -> Result<Vec<Vec<Bands>>> {
     let by_stream = par::try_map(streams.len(), |s| {
-        let of = |t| observe::check(observer).and_then(|()| streams[s].bands(t));
-        range.clone().map(of).collect::<Result<Vec<_>>>()
+        // A clip's frames are read one after another, their bands made side by side.
+        let mixture = |&t: &usize| observe::check(observer).and_then(|()| streams[s].mixture(t));
+        let mixtures = frames.iter().map(mixture).collect::<Result<Vec<_>>>()?;
+        Ok(par::map(mixtures.len(), |i| streams[s].bands(&mixtures[i])))
     })?;
-    let mut by_frame: Vec<Vec<Bands>> = range.map(|_| Vec::new()).collect();
+    let mut by_frame: Vec<Vec<Bands>> = frames.iter().map(|_| Vec::new()).collect();
     for stream in by_stream {
         for (frame, levels) in by_frame.iter_mut().zip(stream) {
             frame.extend(levels);
@@ -233,24 +316,25 @@ pub fn frame_bytes(streams: &[Stream]) -> usize {
     streams.iter().map(|s| s.scales.iter().map(|&scale| level(s.clip, scale)).sum::<usize>()).sum()
 }
 
+/// Bytes of the frames that are kept.
+pub fn kept_bytes(clips: &[Clip]) -> u64 {
+    let bytes = |clip: &Clip| clip.kept.as_ref().map_or(0, |kept| kept.len() * clip.size.0 * clip.size.1 * 2);
+    clips.iter().map(bytes).sum::<usize>() as u64
+}
+
 /// Average of the frames of a loop, each as often as it is shown, so that the differences have mean 0 over the loop.
-fn loop_average(plan: &LoopPlan, lumas: &[Vec<u8>], size: (usize, usize)) -> Plane {
+fn loop_average(plan: &LoopPlan, lumas: &[Luma], size: (usize, usize)) -> Plane {
     let mut weights = vec![0.0f32; lumas.len()];
     for t in 0..plan.length() {
         let blend = plan.at(t);
         [Some(blend.a), blend.b].into_iter().flatten().for_each(|part| weights[part.frame] += part.weight);
     }
-    let total = 255.0 * weights.iter().sum::<f32>();
+    let total = WHITE * weights.iter().sum::<f32>();
     let mut average = Plane::zeros(size.0, size.1);
     for (luma, &weight) in lumas.iter().zip(&weights).filter(|(_, w)| **w > 0.0) {
         average.data.iter_mut().zip(luma).for_each(|(a, &l)| *a += weight / total * f32::from(l));
     }
     average
-}
-
-fn minus(mut plane: Plane, other: &Plane) -> Plane {
-    plane.data.iter_mut().zip(&other.data).for_each(|(p, o)| *p -= o);
-    plane
 }
 
 fn level_bands(differences: &Plane, size: (usize, usize), scale: u8) -> Bands {

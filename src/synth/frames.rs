@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::database::Run;
-use super::footage::{Clip, Stream, bands_of, frame_bytes};
+use super::footage::{Clip, Stream, bands_of, frame_bytes, kept_bytes, loop_bytes};
 use super::memory;
 use super::placing::{Footage, Placed};
 use super::rates::RATES;
@@ -29,20 +29,40 @@ pub fn study(run: &Run, placed: &Placed) -> Result<Vec<Clip>> {
     let Run { scene, sources, observer, .. } = *run;
     let output = scene.settings().output;
     let levels = placed.layout.levels();
+    // As many library frames as the output lasts at its rate, so that water falls as fast at any frame rate.
+    let frames = |&Footage { pack, rate, .. }: &Footage| {
+        let seconds = RATES[rate] * output.frames as f32 / output.fps;
+        ((seconds * sources.packs[pack].1.parameters().rate as f32).round() as usize).max(2)
+    };
+    let bytes = |f: &Footage| loop_bytes(&sources.packs[f.pack].1, f.clip, frames(f));
+    let keep = first_within(memory::keepable(scene), placed.clips.iter().map(bytes));
+    let study = |i: usize| {
+        let Footage { pack, clip, .. } = placed.clips[i];
+        let used = levels.iter().filter(|l| placed.sources[l.source].0 == i).map(|l| l.scale);
+        let scales = BTreeSet::from_iter(used).into_iter().collect();
+        let frames = frames(&placed.clips[i]);
+        let clip = Clip::study(&sources.packs[pack].1, clip, scales, frames, i < keep, observer);
+        observer.advance("loops", 1);
+        clip
+    };
     stage(observer, "loops", placed.clips.len() as u64, || {
-        par::try_map(placed.clips.len(), |i| {
-            let Footage { pack, clip, rate } = placed.clips[i];
-            let pack = &sources.packs[pack].1;
-            // As many library frames as the output lasts at this rate, so that water falls as fast at any frame rate.
-            let seconds = RATES[rate] * output.frames as f32 / output.fps;
-            let frames = ((seconds * pack.parameters().rate as f32).round() as usize).max(2);
-            let used = levels.iter().filter(|l| placed.sources[l.source].0 == i).map(|l| l.scale);
-            let scales = BTreeSet::from_iter(used).into_iter().collect();
-            let clip = Clip::study(pack, clip, scales, frames, observer);
-            observer.advance("loops", 1);
-            clip
-        })
+        // A clip under study is large: a thread that waits must not begin another one.
+        let mut clips = Vec::with_capacity(placed.clips.len());
+        while clips.len() < placed.clips.len() {
+            let (done, count) = (clips.len(), par::threads().min(placed.clips.len() - clips.len()));
+            clips.extend(par::try_map(count, |k| study(done + k))?);
+        }
+        Ok(clips)
     })
+}
+
+/// How many of `sizes`, from the first on, fit into `room`.
+fn first_within(room: u64, sizes: impl Iterator<Item = u64>) -> usize {
+    let sums = sizes.scan(0u64, |sum, size| {
+        *sum = sum.saturating_add(size);
+        Some(*sum)
+    });
+    sums.take_while(|&sum| sum <= room).count()
 }
 
 /// Makes the frames in blocks: the clips of a block are decoded in parallel, then its differences are blended in
@@ -55,25 +75,25 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
     let Run { scene, observer, .. } = *run;
     let (output, wanted) = (scene.settings().output, scene.wanted_frames());
     let streams = streams(placed, clips, rendering, output.frames)?;
-    let block = memory::block_frames(scene, frame_bytes(&streams))?;
+    let block = memory::block_frames(scene, frame_bytes(&streams), kept_bytes(clips))?;
     // Streams repeat, so the frames before the first are those that far before the end of a later round. A part of the
     // loop follows an outline that moves from the same frame on.
     let first = rendering.run_in.next_multiple_of(output.frames);
     let start = if rendering.run_in == 0 { first + wanted.start } else { first - rendering.run_in };
     let (first, end) = (first + wanted.start, first + wanted.end);
     let matched = stage(observer, "appearance", 0, || {
-        learn(&rendering.target, &rendering.blender, &streams, output.frames, observer)
+        learn(&rendering.target, &rendering.blender, &streams, (output.frames, block), observer)
     })?;
     let make = |b: usize| {
-        let range = start + b * block..(start + (b + 1) * block).min(end);
-        let levels = bands_of(&streams, range, observer)?;
+        let frames: Vec<usize> = (start + b * block..(start + (b + 1) * block).min(end)).collect();
+        let levels = bands_of(&streams, &frames, observer)?;
         let blended = |i: usize| rendering.blender.frame(&levels[i]);
         Ok(par::map(levels.len(), |i| matched.as_ref().map_or_else(|| blended(i), |m| m.apply(&blended(i)))))
     };
     let mut outline = rendering.outline.clone();
     let mut writer = Writer { compositor: &rendering.compositor, alpha: output.alpha, sink, observer };
     stage(observer, "frames", wanted.len() as u64, || {
-        par::ordered_map(0..(end - start).div_ceil(block), 2, make, |b, differences: Vec<Plane>| {
+        par::ordered_map(0..(end - start).div_ceil(block), memory::BLOCKS, make, |b, differences: Vec<Plane>| {
             observe::check(observer)?;
             let outlines = outline.follow(&differences);
             let before = (first - start).saturating_sub(b * block).min(differences.len());
@@ -101,20 +121,25 @@ fn stagger(clip: usize) -> f64 {
     (clip as f64 * GOLDEN).fract()
 }
 
-/// The curves that bring frames of the loop to the picture, where that is wanted.
+/// The curves that bring `frames` frames of the loop to the picture, where that is wanted; learned on some of them, made
+/// `block` at a time.
 fn learn(
     target: &Target,
     blender: &Blender,
     streams: &[Stream],
-    frames: usize,
+    (frames, block): (usize, usize),
     observer: &Timed,
 ) -> Result<Option<Appearance>> {
     if target.matching.amount == 0.0 {
         return Ok(None);
     }
     let count = MATCHED.min(frames);
-    let sample = |t: usize| Ok(blender.frame(&bands_of(streams, t..t + 1, observer)?[0]));
-    let samples = (0..count).map(|i| sample(i * frames / count)).collect::<Result<Vec<_>>>()?;
+    let sampled: Vec<usize> = (0..count).map(|i| i * frames / count).collect();
+    let mut samples = Vec::with_capacity(count);
+    for block in sampled.chunks(block) {
+        let levels = bands_of(streams, block, observer)?;
+        samples.extend(par::map(block.len(), |i| blender.frame(&levels[i])));
+    }
     Ok(Some(Appearance::learn(&target.picture, &target.base, &target.matte, &samples, &target.matching)))
 }
 

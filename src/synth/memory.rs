@@ -10,6 +10,10 @@ const ALLOWED: u64 = 2_000_000_000;
 const BANDS: usize = 256 << 20;
 /// Most frames of a block.
 const FRAMES: usize = 16;
+/// Blocks of differences that live at a time: those that wait for the writer, the one that is made and the one written.
+pub const BLOCKS: usize = 4;
+/// Most bytes of clips' frames that are kept, so that they need not be read twice.
+const KEPT: u64 = 200_000_000;
 /// The program itself, with the parts of the library that it looks at and what waits for the encoder, bytes.
 const PROGRAM: u64 = 700_000_000;
 /// Picture, matte, what the compositor keeps and the frames on their way out, bytes per output pixel.
@@ -22,18 +26,25 @@ const PER_WORKING_PIXEL: u64 = 200;
 /// # Errors
 /// [`Kind::Limit`] with an estimate of what it takes.
 pub fn check(scene: &Scene) -> Result<()> {
-    block_frames(scene, 0).map(|_| ())
+    block_frames(scene, 0, 0).map(|_| ())
 }
 
-/// Frames to make at a time, 1 to 16, when the bands of one take `bands` bytes. Two blocks live at a time, one being
-/// made while the other is written. Without a limit in the scene one frame is always made.
+/// Bytes of clips' frames that may be kept in memory from their study on: half of what a limit leaves, and no more than
+/// is of use.
+pub fn keepable(scene: &Scene) -> u64 {
+    let limit = scene.settings().output.max_memory.unwrap_or(ALLOWED);
+    KEPT.min(limit.saturating_sub(fixed_bytes(scene) + frame_bytes(scene, BANDS)) / 2)
+}
+
+/// Frames to make at a time, 1 to 16, when the bands of one take `bands` bytes and clips' frames take `kept`. The bands
+/// of one block live at a time, and the differences of [`BLOCKS`]. Without a limit in the scene one frame is always made.
 ///
 /// # Errors
 /// [`Kind::Limit`] with an estimate, when not even one frame fits.
-pub fn block_frames(scene: &Scene, bands: usize) -> Result<usize> {
+pub fn block_frames(scene: &Scene, bands: usize, kept: u64) -> Result<usize> {
     let limit = scene.settings().output.max_memory;
     let usual = (BANDS / bands.max(1)).clamp(par::threads().min(4), FRAMES);
-    let (fixed, frame) = (fixed_bytes(scene), frame_bytes(scene, bands));
+    let (fixed, frame) = (fixed_bytes(scene) + kept, frame_bytes(scene, bands));
     let fitting = limit.unwrap_or(ALLOWED).saturating_sub(fixed) / frame;
     if let (0, Some(limit)) = (fitting, limit) {
         let problem =
@@ -50,9 +61,9 @@ fn fixed_bytes(scene: &Scene) -> u64 {
     PROGRAM + PER_OUTPUT_PIXEL * pixels(map.output) + PER_WORKING_PIXEL * pixels(map.working)
 }
 
-/// What each frame of a block takes: its bands, and twice its differences and outline.
+/// What each frame of a block takes: its bands, its differences in every block, its outline and what that is made from.
 fn frame_bytes(scene: &Scene, bands: usize) -> u64 {
-    bands as u64 + 16 * pixels(scene.frame_map().working)
+    bands as u64 + (4 * BLOCKS as u64 + 8) * pixels(scene.frame_map().working)
 }
 
 fn pixels((width, height): (usize, usize)) -> u64 {

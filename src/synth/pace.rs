@@ -69,11 +69,11 @@ impl Paces {
 fn slowness(pack: &Pack, clip: u32) -> Result<Plane> {
     let count = (pack.clips()[clip as usize].frames as usize).min(FRAMES);
     let mut frames = pack.frames(clip)?;
-    let mut before = reduce(&frames.at(0)?.luma());
+    let mut before = reduce(&frames.luma_at(0)?);
     let (width, height) = (before.width, before.height);
     let (mut sum, mut squares, mut steps) = (before.clone(), before.map(|v| v * v), Plane::zeros(width, height));
     for t in 1..count {
-        let luma = reduce(&frames.at(t)?.luma());
+        let luma = reduce(&frames.luma_at(t)?);
         for (i, (&l, &b)) in luma.data.iter().zip(&before.data).enumerate() {
             sum.data[i] += l;
             squares.data[i] += l * l;

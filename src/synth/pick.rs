@@ -263,22 +263,24 @@ pub fn labels(
     let normalizers = common_normalizers(sources);
     let Choices { offsets, data, .. } = choices;
     let mut data = data.clone();
-    add_texture_term(grid, still, offsets, &mut data, &tile, options.texture)?;
-    add_still_term(grid, still, offsets, &mut data, &tile, options.still)?;
+    let (texture, holes) = (texture_term(grid, still, options.texture), still_term(grid, still, options.still));
     add_terms(offsets, &mut data, |n| {
-        let wish = wishes[n];
+        let (texture, holes, wish) = (texture(n), holes(n), wishes[n]);
         let asked = wish != Wish::default();
+        let pack = &pack;
         Ok(move |entry: usize| {
+            // One reading of the piece serves all terms.
+            let tile = tile(entry)?;
             let pace = pack(&choices.choices[entry]).parameters().rate as f32 / options.fps;
-            let misfit = |tile: Tile| PieceMotion::of(&tile, pace).misfit(&wish, options.direction, options.speed);
-            if asked { tile(entry).map(misfit) } else { Ok(0.0) }
+            let misfit = || PieceMotion::of(&tile, pace).misfit(&wish, options.direction, options.speed);
+            Ok([texture(&tile), holes(&tile), if asked { misfit() } else { 0.0 }])
         })
     })?;
     if options.lively > 0.0 {
         let paces = Paces::of(&choices.choices, sources, observer)?;
         add_terms(offsets, &mut data, |_| {
             let slowness = |entry: usize| paces.slowness(&choices.choices[entry], sources);
-            Ok(move |entry| Ok(options.lively * slowness(entry)?))
+            Ok(move |entry| Ok([options.lively * slowness(entry)?]))
         })?;
     }
     let pairs = pair_costs(grid, offsets, &origins, tile, &normalizers, options.weights, observer)?;
@@ -321,51 +323,31 @@ fn common_normalizers(sources: &Sources) -> Normalizers {
     Normalizers { dc: mean(|n| n.dc), ac: mean(|n| n.ac), texture: mean(|n| n.texture) }
 }
 
-/// Adds `weight` times the mean over levels of |log₂| of the textureness ratio of picture and piece. Words say where the
-/// edges are, not how strong: without it quiet pieces are put into rough water.
-fn add_texture_term(
-    grid: &NodeGrid,
-    still: &Still,
-    offsets: &[usize],
-    data: &mut [f32],
-    tile: &(impl Fn(usize) -> Result<Tile> + Sync),
-    weight: f32,
-) -> Result<()> {
+/// Per node and piece: `weight` times the mean over levels of |log₂| of the textureness ratio of picture and piece. Words
+/// say where the edges are, not how strong: without it quiet pieces are put into rough water.
+fn texture_term(grid: &NodeGrid, still: &Still, weight: f32) -> impl Fn(usize) -> TileTerm {
     /// Textureness of flat, noisy footage.
     const FLOOR: f32 = 1.0 / 1024.0;
-    if weight == 0.0 {
-        return Ok(());
-    }
     let luma = grid.padded(&still.working.luma());
     let mut picture = Textureness::new(luma.width, luma.height);
     picture.add(&luma);
-    add_terms(offsets, data, |n| {
+    move |n| {
         let node = &grid.nodes[n];
         let wanted = picture.cell(node.x as usize, node.y as usize, PIECE);
-        Ok(move |entry: usize| {
-            let tile = tile(entry)?;
+        Box::new(move |tile| {
             let mean =
                 |k: usize| tile.cells.iter().map(|c| c.textureness[k].to_f32()).sum::<f32>() / tile.cells.len() as f32;
             let ratio = |k: usize| ((wanted[k] + FLOOR) / (mean(k) + FLOOR)).log2().abs();
-            Ok(weight * (0..wanted.len()).map(ratio).sum::<f32>() / wanted.len() as f32)
+            weight * (0..wanted.len()).map(ratio).sum::<f32>() / wanted.len() as f32
         })
-    })
+    }
 }
 
-/// Adds `weight` times the share of the node's fluid over which the piece has no motion to give: it would be a hole.
-fn add_still_term(
-    grid: &NodeGrid,
-    still: &Still,
-    offsets: &[usize],
-    data: &mut [f32],
-    tile: &(impl Fn(usize) -> Result<Tile> + Sync),
-    weight: f32,
-) -> Result<()> {
-    if weight == 0.0 {
-        return Ok(());
-    }
+/// Per node and piece: `weight` times the share of the node's fluid over which the piece has no motion to give: it would
+/// be a hole.
+fn still_term(grid: &NodeGrid, still: &Still, weight: f32) -> impl Fn(usize) -> TileTerm {
     let matte = grid.padded(&still.working_matte);
-    add_terms(offsets, data, |n| {
+    move |n| {
         let node = &grid.nodes[n];
         let (x0, y0) = (node.x as usize, node.y as usize);
         let mut fluid = [0.0f32; PIECE_CELLS * PIECE_CELLS];
@@ -373,24 +355,27 @@ fn add_still_term(
             fluid[y / CELL * PIECE_CELLS + x / CELL] += matte.at(x0 + x, y0 + y);
         }
         let area = fluid.iter().sum::<f32>().max(1.0);
-        Ok(move |entry: usize| {
-            let tile = tile(entry)?;
+        Box::new(move |tile| {
             let holes = fluid.iter().zip(&tile.cells).map(|(f, c)| f * (1.0 - c.significant.to_f32())).sum::<f32>();
-            Ok(weight * holes / area)
+            weight * holes / area
         })
-    })
+    }
 }
 
-/// Adds to every candidate's data term what `of(node)` says of its entry.
-fn add_terms<F: Fn(usize) -> Result<f32>>(
+/// A part of the data term of a node's candidates, from their pieces' cells.
+type TileTerm = Box<dyn Fn(&Tile) -> f32>;
+
+/// Adds to every candidate's data term what `of(node)` says of its entry, one after the other.
+fn add_terms<const N: usize, F: Fn(usize) -> Result<[f32; N]>>(
     offsets: &[usize],
     data: &mut [f32],
     of: impl Fn(usize) -> Result<F> + Sync + Send,
 ) -> Result<()> {
     let terms = par::try_map(offsets.len() - 1, |n| {
         let term = of(n)?;
-        (offsets[n]..offsets[n + 1]).map(term).collect::<Result<Vec<f32>>>()
+        (offsets[n]..offsets[n + 1]).map(term).collect::<Result<Vec<[f32; N]>>>()
     })?;
-    data.iter_mut().zip(terms.iter().flatten()).for_each(|(d, t)| *d += t);
+    let entries = data.iter_mut().zip(terms.iter().flatten());
+    entries.for_each(|(d, terms)| terms.iter().for_each(|t| *d += t));
     Ok(())
 }

@@ -1,9 +1,10 @@
 //! What animated PNG and WebP share: frames as changed rectangles, compressed side by side on all threads, written in
 //! order, each with its time.
 //!
-//! Memory holds a frame or two per thread. Browsers show frames of up to 10 ms for 100 ms: above 90 frames per second
+//! Memory is bounded in bytes, whatever the number of threads. Browsers show frames of up to 10 ms for 100 ms: above 90 frames per second
 //! some are left out, so that the animation keeps its speed.
 
+use std::collections::VecDeque;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
@@ -12,16 +13,16 @@ use super::patch::{Differ, Patch};
 use super::sink::{FrameRate, SinkOptions, check_alpha, check_frame};
 use crate::base::atomic_file::AtomicFile;
 use crate::base::error::{Error, Kind, Result};
-use crate::base::par;
+use crate::base::par::Tasks;
 use crate::raster::image::Rgb8;
 
 /// Shortest time that browsers show a frame for, in milliseconds.
 pub(super) const SHORTEST: u64 = 11;
-/// Most frames compressed at the same time.
-const MAX_BATCH: usize = 16;
+/// Most bytes of the patches that wait to be compressed or are about to be.
+const WAITING_BYTES: usize = 256 << 20;
 
 /// A file format of patches.
-pub(super) trait Format: Send + Sync {
+pub(super) trait Format: Send + Sync + 'static {
     /// Left and top edges of patches are multiples of this.
     const ALIGN: usize;
     /// Most bytes of a file.
@@ -43,14 +44,18 @@ pub(super) fn milliseconds(i: usize, rate: FrameRate) -> u64 {
     (i as u64 * 1000 * d + n / 2) / n
 }
 
+/// A patch with its pixels as the file holds them.
+type Compressed = (Patch, image::ImageResult<Vec<u8>>);
+
 /// Writes an animation.
 pub(super) struct AnimationWriter<F: Format> {
     out: BufWriter<AtomicFile>,
     format: F,
     options: SinkOptions,
     differ: Differ,
-    /// Patches to compress, with the number of the frame they show.
-    waiting: Vec<(usize, Patch)>,
+    compressing: Tasks<Compressed>,
+    /// Numbers of the frames that are being compressed.
+    numbers: VecDeque<usize>,
     /// Frames that came.
     frames: usize,
     /// Frames in the file.
@@ -66,7 +71,8 @@ impl<F: Format> AnimationWriter<F> {
     pub fn create(path: &Path, options: SinkOptions, format: F) -> Result<Self> {
         let out = BufWriter::new(AtomicFile::create(path)?);
         let differ = Differ::new(options.width, F::ALIGN);
-        let mut writer = Self { out, format, options, differ, waiting: Vec::new(), frames: 0, written: 0, bytes: 0 };
+        let (compressing, numbers) = (Tasks::new(WAITING_BYTES), VecDeque::new());
+        let mut writer = Self { out, format, options, differ, compressing, numbers, frames: 0, written: 0, bytes: 0 };
         writer.write(&F::head(&options, 0, 0))?;
         Ok(writer)
     }
@@ -90,31 +96,38 @@ impl<F: Format> AnimationWriter<F> {
         let number = self.frames;
         self.frames += 1;
         let time = |i| milliseconds(i, self.options.rate);
-        if self.waiting.last().is_some_and(|(last, _)| time(number) < time(*last) + SHORTEST) {
+        if self.numbers.back().is_some_and(|&last| time(number) < time(last) + SHORTEST) {
             return Ok(());
         }
-        self.waiting.push((number, self.differ.next(frame, alpha)));
-        let batch = par::threads().min(MAX_BATCH);
-        if self.waiting.len() > batch { self.flush(batch, number) } else { Ok(()) }
+        let patch = self.differ.next(frame, alpha);
+        let bytes = patch.pixels.len();
+        while !self.compressing.has_room(bytes) {
+            let compressed = self.compressing.wait();
+            self.write_patch(compressed, number)?;
+        }
+        self.numbers.push_back(number);
+        self.compressing.start(bytes, move || {
+            let pixels = F::compress(&patch);
+            (patch, pixels)
+        });
+        // How long the last one is shown is not known yet.
+        while self.numbers.len() > 1
+            && let Some(compressed) = self.compressing.ready()
+        {
+            self.write_patch(Some(compressed), number)?;
+        }
+        Ok(())
     }
 
-    /// Writes the first `count` waiting patches; the last is shown until the next waiting one, or else until `end`.
-    fn flush(&mut self, count: usize, end: usize) -> Result<()> {
-        let waiting = std::mem::take(&mut self.waiting);
-        let compress = |i: usize| {
-            F::compress(&waiting[i].1)
-                .map_err(|e| Error::file(Kind::Io, self.path(), format!("cannot encode a frame: {e}")).source(e))
-        };
-        let pixels = par::try_map(count, compress)?;
-        for (i, pixels) in pixels.iter().enumerate() {
-            let (start, patch) = &waiting[i];
-            let shown = *start..waiting.get(i + 1).map_or(end, |(next, _)| *next);
-            let bytes = self.format.frame(patch, pixels, shown, self.options.rate);
-            self.write(&bytes)?;
-        }
-        self.written += count;
-        self.waiting = waiting.into_iter().skip(count).collect();
-        Ok(())
+    /// Writes the oldest patch, shown until the next one, or else until `end`.
+    fn write_patch(&mut self, compressed: Option<Compressed>, end: usize) -> Result<()> {
+        let (Some((patch, pixels)), Some(start)) = (compressed, self.numbers.pop_front()) else { return Ok(()) };
+        let refused = |e| Error::file(Kind::Io, self.path(), format!("cannot encode a frame: {e}")).source(e);
+        let pixels = pixels.map_err(refused)?;
+        let shown = start..self.numbers.front().copied().unwrap_or(end);
+        let bytes = self.format.frame(&patch, &pixels, shown, self.options.rate);
+        self.written += 1;
+        self.write(&bytes)
     }
 }
 
@@ -132,7 +145,9 @@ impl<F: Format> Sink for AnimationWriter<F> {
         if self.frames == 0 {
             return Err(Error::file(Kind::Unusable, self.path(), "no frame was written"));
         }
-        self.flush(self.waiting.len(), self.frames)?;
+        while let Some(compressed) = self.compressing.wait() {
+            self.write_patch(Some(compressed), self.frames)?;
+        }
         self.write(F::tail())?;
         let head = F::head(&self.options, self.written, self.bytes);
         let path = self.path().to_path_buf();

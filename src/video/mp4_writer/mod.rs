@@ -44,6 +44,11 @@ const WAITING_BYTES: usize = 256 << 20;
 /// Fewest frames of a group: the encoder gives all keyframes one number (`idr_pic_id`), so two of them must not follow each other.
 const SHORTEST_GROUP: usize = 2;
 
+/// Most parts that the last group is split into, so that the end does not wait for one thread, and fewest frames of each:
+/// every part costs a keyframe.
+const LAST_PARTS: usize = 2;
+const LAST_FRAMES: usize = 6;
+
 /// Encodes frames and writes an MP4 file.
 pub struct Mp4Writer {
     file: AtomicFile,
@@ -85,9 +90,8 @@ impl Mp4Writer {
         self.file.path().to_path_buf()
     }
 
-    /// Hands the collected group to the encoder, after making room for it.
-    fn encode_group(&mut self) -> Result<()> {
-        let group = std::mem::take(&mut self.group);
+    /// Hands a group to the encoder, after making room for it.
+    fn encode_group(&mut self, group: Vec<YuvFrame>) -> Result<()> {
         let bytes = group.len() * frame_bytes(self.coded);
         while !self.encoding.has_room(bytes) {
             let encoded = self.encoding.wait();
@@ -136,7 +140,8 @@ impl Sink for Mp4Writer {
         let [y, u, v] = yuv::from_rgb8(&padded(frame, self.coded), Matrix::Bt709, Range::Limited);
         self.group.push(YuvFrame { width, height, y, u, v });
         if self.group.len() == self.config.gop_size as usize {
-            self.encode_group()?;
+            let group = std::mem::take(&mut self.group);
+            self.encode_group(group)?;
         }
         while let Some(encoded) = self.encoding.ready() {
             self.write_group(Some(encoded))?;
@@ -145,8 +150,10 @@ impl Sink for Mp4Writer {
     }
 
     fn finish(mut self: Box<Self>) -> Result<()> {
-        if !self.group.is_empty() {
-            self.encode_group()?;
+        let part = last_part(self.group.len());
+        let mut last = std::mem::take(&mut self.group).into_iter().peekable();
+        while last.peek().is_some() {
+            self.encode_group(last.by_ref().take(part).collect())?;
         }
         while let Some(encoded) = self.encoding.wait() {
             self.write_group(Some(encoded))?;
@@ -222,6 +229,11 @@ fn configuration((width, height): (usize, usize), macroblocks: u64, rate: FrameR
 fn group_frames(size: (usize, usize), rate: FrameRate) -> usize {
     let second = (rate.numerator() / rate.denominator()) as usize;
     second.min(GROUP_BYTES / frame_bytes(size)).max(SHORTEST_GROUP)
+}
+
+/// Frames of each part of a last group of `frames`, the last part perhaps with fewer.
+fn last_part(frames: usize) -> usize {
+    frames.div_ceil((frames / LAST_FRAMES).clamp(1, LAST_PARTS))
 }
 
 /// Bytes of a frame in 4:2:0.
