@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use enliven::base::error::Result;
 use enliven::base::observe::Observer;
+use enliven::library::names::Names;
 use enliven::library::reader::Pack;
 use enliven::report::gallery;
 use enliven::say;
@@ -22,7 +23,9 @@ impl Gallery {
     pub fn run(&self, observer: &dyn Observer) -> Result<()> {
         let folder = self.output.clone().unwrap_or_else(|| self.pack.with_extension("gallery"));
         let title = self.pack.file_stem().unwrap_or_default().to_string_lossy();
-        gallery::write(&*Pack::open(&self.pack)?, &title, &folder, observer)?;
+        let pack = Pack::open(&self.pack)?;
+        let names = Names::read(&self.pack, pack.clips(), observer);
+        gallery::write(&pack, &names, &title, &folder, observer)?;
         say!("{}", folder.join("index.html").display());
         Ok(())
     }

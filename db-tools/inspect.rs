@@ -3,7 +3,9 @@
 use std::path::PathBuf;
 
 use enliven::base::error::Result;
+use enliven::base::observe::Observer;
 use enliven::cli::common::{bytes, counted};
+use enliven::library::names::Names;
 use enliven::library::reader::Pack;
 use enliven::library::variant::Variant;
 use enliven::say;
@@ -20,17 +22,18 @@ pub struct Inspect {
 }
 
 impl Inspect {
-    pub fn run(&self) -> Result<()> {
+    pub fn run(&self, observer: &dyn Observer) -> Result<()> {
         let pack = Pack::open(&self.pack)?;
+        let names = Names::read(&self.pack, pack.clips(), observer);
         if self.json {
-            say!("{}", as_json(&pack));
+            say!("{}", as_json(&pack, &names));
         } else {
-            self.print(&pack);
+            self.print(&pack, &names);
         }
         Ok(())
     }
 
-    fn print(&self, pack: &Pack) {
+    fn print(&self, pack: &Pack, names: &Names) {
         let parameters = pack.parameters();
         let size = std::fs::metadata(&self.pack).map_or(0, |m| m.len());
         say!(
@@ -50,7 +53,7 @@ impl Inspect {
         let n = pack.normalizers();
         say!("  medians of the smoothness terms: motion {:.4}, dynamics {:.4}, texture {:.4}", n.dc, n.ac, n.texture);
         say!(
-            "{:18} {:10} {:>9} {:>7} {:>8} {:>6} {:>8} {:>8}",
+            "{:18} {:10} {:>9} {:>7} {:>8} {:>6} {:>8} {:>8}  {}",
             "clip",
             "tag",
             "size",
@@ -58,14 +61,15 @@ impl Inspect {
             "pieces",
             "share",
             "outside",
-            "still"
+            "still",
+            "file"
         );
         for clip in pack.clips() {
             let sum = |of: fn(&enliven::library::metadata::PieceCounts) -> u32| -> u64 {
                 clip.counts.iter().map(|c| u64::from(of(c))).sum()
             };
             say!(
-                "{:18} {:10} {:>9} {:>7} {:>8} {:>5.1}% {:>8} {:>8}",
+                "{:18} {:10} {:>9} {:>7} {:>8} {:>5.1}% {:>8} {:>8}  {}",
                 clip.id.to_string(),
                 clip.tag,
                 format!("{}x{}", clip.width, clip.height),
@@ -73,13 +77,14 @@ impl Inspect {
                 clip.pieces(),
                 100.0 * clip.pieces() as f64 / pack.piece_count().max(1) as f64,
                 sum(|c| c.outside),
-                sum(|c| c.still)
+                sum(|c| c.still),
+                names.of(clip.id).unwrap_or_default()
             );
         }
     }
 }
 
-fn as_json(pack: &Pack) -> serde_json::Value {
+fn as_json(pack: &Pack, names: &Names) -> serde_json::Value {
     let parameters = pack.parameters();
     let variants = |counts: &[enliven::library::metadata::PieceCounts; Variant::COUNT]| -> serde_json::Value {
         let row = |(variant, c): (Variant, &enliven::library::metadata::PieceCounts)| {
@@ -89,7 +94,7 @@ fn as_json(pack: &Pack) -> serde_json::Value {
         Variant::all().zip(counts).map(row).collect()
     };
     let clip = |c: &enliven::library::metadata::ClipMeta| {
-        json!({ "id": c.id.to_string(), "tag": c.tag, "width": c.width, "height": c.height, "frames": c.frames,
+        json!({ "id": c.id.to_string(), "name": names.of(c.id), "tag": c.tag, "width": c.width, "height": c.height, "frames": c.frames,
             "pieces": c.pieces(), "variants": variants(&c.counts) })
     };
     let n = pack.normalizers();

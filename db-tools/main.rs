@@ -38,7 +38,7 @@ fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Scan(command) => command.run(&terminal),
         Command::Build(command) => command.run(&terminal),
-        Command::Inspect(command) => command.run(),
+        Command::Inspect(command) => command.run(&terminal),
         Command::Scenes(command) => command.run(&terminal),
         Command::Verify(command) => command.run(&terminal),
         Command::Gallery(command) => command.run(&terminal),

@@ -206,7 +206,7 @@ fn measure(footage: &Footage, asked: &Field) -> Result<Measured> {
         }
     }
     let subject = Subject { asked: Some(&asked), ..Subject::new(footage) };
-    let error = measure::ALL.iter().find(|m| m.name == "direction error").and_then(|m| (m.compute)(&subject));
+    let error = measure::value("direction error", &subject);
     Ok(Measured {
         of_the_mean: error.unwrap_or(f64::NAN),
         each_frame: angles / lengths,

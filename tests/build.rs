@@ -46,7 +46,7 @@ fn a_pack_holds_its_clips_and_their_pieces() {
     let clips = common::write_clips(folder.path());
     let output = folder.path().join("l.pack");
     let report = run(&clips, &output).unwrap();
-    assert_eq!(names(folder.path()), ["a.y4m", "b.y4m", "c.y4m", "l.pack"]);
+    assert_eq!(names(folder.path()), ["a.y4m", "b.y4m", "c.y4m", "l.pack", "l.pack.names.toml"]);
     let pack = Pack::open(&output).unwrap();
     verify(&pack, &Silent).unwrap();
     assert_eq!(pack.clips().len(), 3);

@@ -255,7 +255,11 @@ fn animate_refuses_bad_places() {
     output("--library l.pack -o text.png/x.mp4", FAILED, &["text.png is a file, not a folder"]);
     output("--library l.pack -o x.mp4 --report text.png", FAILED, &["text.png: cannot make the folder", "in the way"]);
     output("--library l.pack -o x.mkv", USAGE, &["x.mkv: cannot write .mkv", ".mp4, .gif, .webp, .apng"]);
-    output("--library l.pack -o x.mp4 --alpha --report r", USAGE, &["x.mp4: this format holds no opacity", ".webp"]);
+    output(
+        "--library l.pack -o x.mp4 --alpha --report r",
+        USAGE,
+        &["x.mp4: this format carries no opacity", "a folder of PNG frames; .webp; .apng; .gif", "leave out --alpha"],
+    );
     output("--library l.pack -o picture.png", USAGE, &["picture.png: "]);
     output("--library l.pack -o l.pack", USAGE, &["l.pack: is read for this video", "another name"]);
     output("--library l.pack -o - --json", USAGE, &["--json: standard output carries the video", "leave out --json"]);
@@ -277,13 +281,15 @@ fn animate_refuses_bad_values() {
         ("--speed matte.png --max-speed 0", &["motion.max_speed", "above 0, at most 1000"]),
         ("--max-speed 3", &["motion.max_speed", "without a speed map"]),
         ("--max-speed fast", &["--max-speed", "write a number"]),
-        ("--direction north", &["--direction", "write a number"]),
+        ("--direction north", &["--direction", "write degrees: 0 is right, 90 down"]),
+        ("--preview --fps 0.5", &["output.fps: 0.5 is out of range"]),
         ("--size 100x100", &["output.size", "another shape", "allowed: 100 × 71"]),
         ("--size big", &["--size", "1280x720"]),
         ("--working-size 3", &["output.working_size", "96 to 4096"]),
         ("--method databse", &["no method \"databse\"", "database"]),
         ("--set shutter=3", &["--set", "METHOD.KEY=VALUE", "for example"]),
         ("--set database.shuter=3", &["database.shuter: no such key", "did you mean \"shutter\"?"]),
+        ("--set database.tua=1", &["database.tua: no such key", "(allowed: tau, ", "did you mean \"tau\"?"]),
         ("--set databse.shutter=3", &["databse: no such key", "did you mean \"database\"?"]),
         ("--set database.shutter=3000", &["database.shutter: 3000 is out of range", "from 0 to 100"]),
         ("--set database.shutter=wide", &["database.shutter", "is not a number"]),
@@ -312,8 +318,21 @@ fn animate_refuses_bad_values() {
 fn scene_files_are_refused_with_key_or_line() {
     let folder = studio();
     let cases: &[(&str, &[&str])] = &[
-        ("picture = 'picture.png'\nlibary = ['l.pack']", &["libary: no such key", "did you mean \"library\"?"]),
-        ("picture = 'picture.png'\n[output]\nframe = 3", &["output.frame: no such key", "did you mean \"frames\"?"]),
+        (
+            "picture = 'picture.png'\nlibary = ['l.pack']",
+            &["scene.toml: libary: no such key", "did you mean \"library\"?"],
+        ),
+        (
+            "picture = 'picture.png'\n[output]\nframe = 3",
+            &["scene.toml: output.frame: no such key", "did you mean \"frames\"?"],
+        ),
+        (
+            "picture = 'picture.png'\n[database]\nsigmo = 3",
+            &["scene.toml: database.sigmo: no such key", "mean \"sigma\"?"],
+        ),
+        ("picture = 'picture.png'\n[database]\nsigma = -3", &["scene.toml: database.sigma: -3 is out of range"]),
+        ("picture = 'picture.png'\n[databose]\nsigma = 3", &["scene.toml: databose: no such key", "\"database\"?"]),
+        ("picture = 'picture.png'\n[database]\nsigma = [3]", &["scene.toml: ", "an option of a method is a number"]),
         ("[motion]\ndirection = 90\n\npicture = picture.png", &["scene.toml: line 4: ", "quoted"]),
         ("picture = 'picture.png'\n[output]\nframes = 'x'", &["scene.toml: ", "a whole number", "output.frames"]),
         ("matte = 'matte.png'", &["picture: no picture given"]),
@@ -370,6 +389,31 @@ fn a_video_is_measured_by_what_is_known_of_it() {
 }
 
 #[test]
+fn frames_left_out_and_opacity_are_measured_as_they_are_seen() {
+    let folder = studio();
+    let measure = |line: &str| {
+        let output = succeed(folder.path(), line);
+        (stderr(&output), serde_json::from_slice::<Value>(&output.stdout).unwrap())
+    };
+    let run = "enliven animate picture.png --matte matte.png --library l.pack --quiet";
+    succeed(folder.path(), &format!("{run} --frames 48 --fps 100 -o fast.gif"));
+    let (_, fast) = measure("enliven measure fast.gif --json");
+    assert_eq!(fast["frames"], 24);
+    assert!((fast["fps"].as_f64().unwrap() - 50.0).abs() < 0.5, "{}", fast["fps"]);
+    succeed(folder.path(), &format!("{run} --frames 40 --fps 30 -o even.gif"));
+    assert_eq!(measure("enliven measure even.gif --json").1["fps"], 30.0);
+
+    succeed(folder.path(), &format!("{run} --frames 9 --alpha -o alone"));
+    succeed(folder.path(), &format!("{run} --frames 9 -o whole"));
+    let ((said, alone), (quiet, whole)) =
+        (measure("enliven measure alone --json"), measure("enliven measure whole --json"));
+    assert!(said.contains("alone: has opacity; it is measured over the scene's picture") && !quiet.contains("opacity"));
+    // The outline stays, so fluid over its picture is the whole frame.
+    let [a, b] = [&alone, &whole].map(|report| measured(report, "sharpness retention").as_f64().unwrap());
+    assert!((a / b - 1.0).abs() < 0.05, "{a} {b}");
+}
+
+#[test]
 fn measure_refuses_what_it_cannot_measure() {
     let folder = studio();
     let at = |name: &str| folder.path().join(name);
@@ -393,13 +437,13 @@ fn measure_refuses_what_it_cannot_measure() {
         ("none.mp4", FAILED, &["none.mp4: cannot open", "there is no such file", "check the name"]),
         ("l.pack", FAILED, &["l.pack: not a video file of any known kind"]),
         ("empty", FAILED, &["empty: no PNG or JPEG pictures"]),
-        ("few", FAILED, &["few: 3 are too few frames to measure", "at least 8", "longer video"]),
+        ("few", FAILED, &["few: it has 3 frames, too few to measure", "at least 8", "longer video"]),
         ("long.y4m", FAILED, &["long.y4m: it has more than 3000 frames", "cut a part"]),
         ("enough --scene half.toml", FAILED, &["enough: its frames are 112 × 80 pixels, the scene's 56 × 40"]),
         ("enough --scene none.toml", FAILED, &["none.toml: there is no such file"]),
         ("enough --reference none.mp4", FAILED, &["none.mp4: ", "there is no such file"]),
         ("enough --reference text.png", FAILED, &["text.png: not a video"]),
-        ("enough --reference few", FAILED, &["few: 3 frames at 25 a second are too few", "at least 32"]),
+        ("enough --reference few", FAILED, &["few: it has 3 frames at 25 a second, too few", "at least 32"]),
         ("enough --reference-size 3", USAGE, &["--reference-size: 3 is out of range", "16 to 4096"]),
         ("recorded", FAILED, &["recorded.summary.json: cannot be read as the summary of a run", "move this file"]),
     ];
@@ -432,7 +476,7 @@ fn a_library_is_built_shown_and_checked() {
         packs.push(fs::read(folder.path().join(format!("{threads}.pack"))).unwrap());
     }
     assert!(packs[0] == packs[1], "the pack depends on the number of threads");
-    assert_eq!(tree(folder.path()).len(), 3);
+    assert_eq!(tree(folder.path()).len(), 5);
     let quiet = succeed(folder.path(), "enliven-db build a.y4m -o 1.pack --stride 16 --tag fall --quiet");
     assert_eq!(stderr(&quiet), "");
     assert!(stdout(&quiet).contains("1.pack: 1 clip, "));
@@ -613,6 +657,8 @@ fn frames_can_be_made_in_parts() {
     run("-o parts --frames-range 5..12");
     let numbers = |name: &str| fs::read_dir(folder.path().join(name)).unwrap().count();
     assert_eq!((numbers("whole"), numbers("parts")), (12, 7));
+    let one = "enliven animate picture.png --library l.pack --frames 12 -o one --frames-range 5..6";
+    assert!(stderr(&succeed(folder.path(), one)).contains("one: 1 frame of "));
     run("-o parts --frames-range 0..6");
     assert_eq!(numbers("parts"), 12);
     for i in 0..12 {
@@ -620,7 +666,8 @@ fn frames_can_be_made_in_parts() {
         assert!(read("whole") == read("parts"), "frame {i}");
     }
     let line = "enliven animate picture.png --library l.pack --frames 12 -o x";
-    for (range, part) in [("4", "write it like 0..40"), ("7..3", "0..12, or a part"), ("0..13", "0..12, or a part")] {
+    for (range, part) in [("4", "write it like 0..40"), ("7..3", "7..3 holds no frame"), ("0..13", "0..12, or a part")]
+    {
         refuse(folder.path(), &format!("{line} --frames-range {range}"), USAGE, &[part]);
     }
     for (memory, code, part) in [("1G2", USAGE, "like 800M or 2G"), ("1M", FAILED, "1 MB are allowed")] {
@@ -639,6 +686,64 @@ fn a_preview_is_small_and_shows_its_first_frame() {
     assert_eq!(record["output_size"], serde_json::json!([56, 40]));
     assert_eq!(read_picture(&folder.path().join("x.preview.png")).unwrap().rgb.width, 56);
     assert!(folder.path().join("x.mp4").exists());
+}
+
+#[test]
+fn a_preview_of_a_panorama_or_into_a_folder_works_too() {
+    let folder = studio();
+    let pixel = |i: usize| (i % 251) as u8;
+    let wide = Rgb8 { width: 640, height: 64, data: (0..640 * 64 * 3).map(pixel).collect() };
+    write_png(&folder.path().join("wide.png"), &wide).unwrap();
+    let line = "enliven animate wide.png --library l.pack --preview --frames 4 --quiet -o frames.2/";
+    for _ in 0..2 {
+        succeed(folder.path(), line);
+        let mut beside: Vec<String> =
+            fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
+        beside.retain(|name| name.starts_with("frames"));
+        beside.sort();
+        assert_eq!(beside, ["frames.2", "frames.2.preview.png", "frames.2.scene.toml", "frames.2.summary.json"]);
+    }
+}
+
+#[test]
+fn a_folder_of_frames_does_not_stand_in_the_way_of_a_gif() {
+    let folder = studio();
+    fs::create_dir(folder.path().join("x.frames")).unwrap();
+    succeed(folder.path(), "enliven animate picture.png --library l.pack --frames 3 --quiet -o x.gif");
+    assert!(folder.path().join("x.gif").is_file());
+}
+
+#[test]
+fn clips_go_by_the_names_of_their_files() {
+    let folder = studio();
+    let names = folder.path().join("l.pack.names.toml");
+    let line = "enliven animate picture.png --library l.pack --frames 3 -o x.gif";
+    let bare = stderr(&succeed(folder.path(), line));
+    assert!(bare.contains("all the motion comes from 2 clips"), "{bare}");
+    fs::copy(library().with_file_name("l.pack.names.toml"), &names).unwrap();
+    assert!(stdout(&succeed(folder.path(), "enliven-db inspect l.pack")).contains("b.y4m"));
+    let shown: Value =
+        serde_json::from_slice(&succeed(folder.path(), "enliven-db inspect l.pack --json").stdout).unwrap();
+    let mut files: Vec<&str> = (0..2).map(|i| shown["clips"][i]["name"].as_str().unwrap()).collect();
+    files.sort_unstable();
+    assert_eq!(files, ["a.y4m", "b.y4m"]);
+    succeed(folder.path(), "enliven-db gallery l.pack");
+    assert!(fs::read_to_string(folder.path().join("l.gallery/index.html")).unwrap().contains("a.y4m"));
+
+    // One is left out by its name; what is written down names it by hash, and repeats the run without any names.
+    succeed(folder.path(), &format!("{line} --without a --report r"));
+    let page = fs::read_to_string(folder.path().join("r/index.html")).unwrap();
+    assert!(page.contains("b.y4m") && !page.contains("a.y4m"), "{page}");
+    let first = fs::read(folder.path().join("x.gif")).unwrap();
+    fs::remove_file(&names).unwrap();
+    succeed(folder.path(), "enliven animate x.scene.toml -o y.gif");
+    assert!(first == fs::read(folder.path().join("y.gif")).unwrap());
+    refuse(folder.path(), &format!("{line} --without a"), USAGE, &["no clip of the library is called \"a\""]);
+
+    fs::write(&names, "nonsense").unwrap();
+    for line in [line, "enliven-db inspect l.pack", "enliven-db gallery l.pack"] {
+        assert!(stderr(&succeed(folder.path(), line)).contains("l.pack.names.toml: holds no names of clips"), "{line}");
+    }
 }
 
 #[cfg(unix)]

@@ -128,7 +128,7 @@ fn names(folder: &Path) -> Vec<String> {
 }
 
 /// What must hold after a kill: nothing or all under the final name; the next run takes up what is finished, leaves
-/// nothing but the pack, and the same one.
+/// nothing but the pack and its names, and the same pack.
 fn check(folder: &Path, point: Point, expected: &[u8]) {
     let path = folder.join("l.pack");
     if path.exists() {
@@ -142,7 +142,7 @@ fn check(folder: &Path, point: Point, expected: &[u8]) {
     let report = run(folder, &Silent);
     assert_eq!(report.accepted.iter().filter(|c| c.resumed).count(), finished, "{point:?}: clips resumed");
     assert!(fs::read(&path).unwrap() == expected, "{point:?}: the next run made another pack");
-    assert_eq!(names(folder), ["l.pack"], "{point:?}: leftovers");
+    assert_eq!(names(folder), ["l.pack", "l.pack.names.toml"], "{point:?}: leftovers");
 }
 
 fn copy_folder(from: &Path, to: &Path) {

@@ -88,6 +88,12 @@ impl Error {
         self
     }
 
+    /// Says which file holds what the error is about.
+    pub fn within(mut self, path: &Path) -> Self {
+        self.subject = format!("{}: {}", path.display(), self.subject);
+        self
+    }
+
     /// Adds the underlying cause.
     pub fn source(mut self, source: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         self.source = Some(source.into());

@@ -1,4 +1,4 @@
-//! What every other module stands on: errors, threads, hashing randomness, progress, whole files and matrix products.
+//! What every other module stands on: errors, threads, hashing randomness, progress, whole files, words and matrix products.
 
 pub mod atomic_file;
 pub mod error;
@@ -7,3 +7,4 @@ pub mod observe;
 pub mod options;
 pub mod par;
 pub mod rng;
+pub mod text;

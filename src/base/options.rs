@@ -9,6 +9,10 @@ use serde::{Deserialize, Serialize};
 
 use super::error::{Error, Kind, Result};
 
+/// Keys up to this many are all listed where one is not known; of more, the nearest.
+const SHORT_LIST: usize = 12;
+const LISTED: usize = 5;
+
 /// A value as a scene file or a command line gives it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(untagged)]
@@ -195,7 +199,13 @@ pub fn refuse_unknown<'a>(owner: &str, keys: impl IntoIterator<Item = &'a str>, 
 /// The error for an unknown `key` of `owner`.
 pub fn unknown(owner: &str, key: &str, known: &[&str]) -> Error {
     let subject = if owner.is_empty() { key.to_owned() } else { format!("{owner}.{key}") };
-    let error = Error::new(Kind::Usage, subject, "no such key").allowed(known.join(", "));
+    let mut nearby = known.to_vec();
+    let mut allowed = known.join(", ");
+    if known.len() > SHORT_LIST {
+        nearby.sort_by_key(|k| distance(key, k));
+        allowed = format!("{} and {} more", nearby[..LISTED].join(", "), known.len() - LISTED);
+    }
+    let error = Error::new(Kind::Usage, subject, "no such key").allowed(allowed);
     match nearest(key, known) {
         Some(name) => error.remedy(format!("did you mean {name:?}?")),
         None => error,
@@ -208,20 +218,24 @@ pub fn nearest<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
     (best.0 <= name.chars().count().max(best.1.len()) / 2).then_some(best.1)
 }
 
-/// Edit distance (Levenshtein 1966) between two short names, ignoring case.
+/// Edit distance between two short names, ignoring case; two neighbouring letters the wrong way round are one mistake
+/// (Damerau 1964, no letter touched twice).
 fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.to_lowercase().chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, ca) in a.to_lowercase().chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, &cb) in b.iter().enumerate() {
-            let replace = diagonal + usize::from(ca != cb);
-            diagonal = row[j + 1];
-            row[j + 1] = replace.min(row[j] + 1).min(diagonal + 1);
+    let [a, b] = [a, b].map(|name| name.to_lowercase().chars().collect::<Vec<char>>());
+    let mut rows = vec![vec![0; b.len() + 1]; a.len() + 1];
+    rows[0] = (0..=b.len()).collect();
+    for i in 1..=a.len() {
+        rows[i][0] = i;
+        for j in 1..=b.len() {
+            let replaced = rows[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
+            let mut least = replaced.min(rows[i - 1][j] + 1).min(rows[i][j - 1] + 1);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                least = least.min(rows[i - 2][j - 2] + 1);
+            }
+            rows[i][j] = least;
         }
     }
-    row[b.len()]
+    rows[a.len()][b.len()]
 }
 
 /// Declares a struct of options: each field once, with documentation, type, default, range, unit and section.
@@ -346,5 +360,22 @@ mod tests {
         assert!(message(&[("quick", "1")]).contains("true or false"));
         assert!(message(&[("order", "sideways")]).contains("rising, falling"));
         assert!(!message(&[("xyzzyqwerty", "1")]).contains("did you mean"));
+        assert!(message(&[("qiuck", "1")]).contains("did you mean \"quick\"?"));
+    }
+
+    #[test]
+    fn letters_the_wrong_way_round_are_one_mistake_and_long_lists_are_cut() {
+        assert_eq!(
+            [distance("tua", "tau"), distance("Tau", "tau"), distance("abc", ""), distance("ca", "abc")],
+            [1, 0, 3, 3]
+        );
+        let names: Vec<String> = (10..30).map(|i| format!("name{i}")).collect();
+        let names: Vec<&str> = names.iter().map(String::as_str).chain(["tau"]).collect();
+        let said = unknown("method", "tua", &names).to_string();
+        assert!(
+            said.contains("method.tua") && said.contains("(allowed: tau, ") && said.contains(" and 16 more)"),
+            "{said}"
+        );
+        assert!(said.ends_with("did you mean \"tau\"?"), "{said}");
     }
 }

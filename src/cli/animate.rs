@@ -6,21 +6,20 @@ use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::options::Value;
+use crate::base::text::counted;
 use crate::cli::common::say;
 use crate::raster::image::Rgb8;
 use crate::raster::picture_io::{picture_size, write_png};
 use crate::report::contact_sheet::spread;
 use crate::report::run::{FILES, SHEET_FRAMES, to_json, write as write_report};
 use crate::scene::file::{Motion, SceneFile, set};
-use crate::scene::frame_map::preview_size;
-use crate::scene::scene::{self, Scene};
+use crate::scene::frame_map::{preview_size, preview_working};
+use crate::scene::scene::{self, MIN_FRAMES, Scene};
 use crate::synth::record::RunRecord;
 use crate::synth::{self, DEFAULT_METHOD};
 use crate::video::clip::Sink;
 use crate::video::sink::{self, FrameRate, SinkOptions};
 
-/// Working size of a preview, pixels.
-const PREVIEW_WORKING: usize = 320;
 /// Longest preview, seconds.
 const PREVIEW_SECONDS: f32 = 2.0;
 /// Candidates per node of a preview.
@@ -40,11 +39,11 @@ pub struct Animate {
     /// Only clips with these tags (comma-separated)
     #[arg(long = "use", value_name = "TAG", value_delimiter = ',')]
     pub tags: Vec<String>,
-    /// Clips of the library that must not be used, by the names that enliven-db inspect lists (comma-separated)
+    /// Clips of the library that must not be used, by file name or hash as enliven-db inspect lists them (comma-separated)
     #[arg(long, value_name = "CLIP", value_delimiter = ',')]
     pub without: Vec<String>,
     /// Main direction of the flow in degrees: 0 right, 90 down, -90 up
-    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = parse_number)]
+    #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = parse_direction)]
     pub direction: Option<f32>,
     /// Strokes along the flow: JSON, or a PNG with coloured strokes on transparency, each from faint to strong
     #[arg(long, value_name = "JSON|PNG")]
@@ -89,7 +88,8 @@ pub struct Animate {
     /// Seed of every random choice [default: 1]
     #[arg(long)]
     pub seed: Option<u64>,
-    /// Write the fluid alone with its opacity, for another program to lay over something (not for .mp4 and .y4m)
+    /// Write the fluid alone with its opacity, for another program to lay over something: into a folder of PNG frames,
+    /// .webp, .apng or .gif, which carry opacity (.mp4 and .y4m do not)
     #[arg(long)]
     pub alpha: bool,
     /// An option of a method; may be given more than once
@@ -115,9 +115,13 @@ fn parse_number(text: &str) -> std::result::Result<f32, String> {
     text.parse().map_err(|_| "write a number, such as 90".to_owned())
 }
 
+fn parse_direction(text: &str) -> std::result::Result<f32, String> {
+    text.parse().map_err(|_| "write degrees: 0 is right, 90 down, 180 left, -90 up".to_owned())
+}
+
 fn parse_range(text: &str) -> std::result::Result<[usize; 2], String> {
     let range = text.split_once("..").and_then(|(a, b)| Some([a.trim().parse().ok()?, b.trim().parse().ok()?]));
-    range.ok_or_else(|| format!("{text:?} is not a range of frames; write it like 0..40"))
+    range.ok_or_else(|| format!("{text:?} is not a range of frames; write it like 0..40, 40 being left out"))
 }
 
 fn parse_bytes(text: &str) -> std::result::Result<u64, String> {
@@ -148,6 +152,7 @@ impl Animate {
     /// Those of opening the scene, and malformed `--set`.
     pub fn settings(&self) -> Result<SceneFile> {
         let mut file = scene::open(&self.scene)?;
+        synth::check_options(&file.options).map_err(|error| error.within(&scene::file_of(&self.scene)))?;
         let over = self.clone();
         file.matte = over.matte.or(file.matte);
         file.background = over.background.or(file.background);
@@ -191,11 +196,11 @@ impl Animate {
         if self.size.is_none() && !file.picture.as_os_str().is_empty() {
             output.size = Some(preview_size(picture_size(&file.picture)?, output.size));
         }
-        if self.working_size.is_none() {
-            output.working_size = output.working_size.min(PREVIEW_WORKING);
+        if self.working_size.is_none() && !file.picture.as_os_str().is_empty() {
+            output.working_size = preview_working(picture_size(&file.picture)?, output.working_size);
         }
         if self.frames.is_none() && output.frames_range.is_none() {
-            output.frames = output.frames.min((PREVIEW_SECONDS * output.fps) as usize);
+            output.frames = output.frames.min((PREVIEW_SECONDS * output.fps) as usize).max(MIN_FRAMES);
         }
         let options = file.options.entry(file.method.clone().unwrap_or_else(|| DEFAULT_METHOD.into())).or_default();
         options.entry("candidates".into()).or_insert(Value::Integer(PREVIEW_CANDIDATES));
@@ -220,7 +225,8 @@ impl Animate {
             let frames = record.scene.output.frames_range.map_or(record.scene.output.frames, |[a, b]| b - a);
             let name =
                 if self.output == Path::new("-") { "standard output".into() } else { self.output.to_string_lossy() };
-            observer.note(&format!("{name}: {frames} frames of {width} × {height} in {:.1} s", record.seconds));
+            let frames = counted(frames as u64, "frame");
+            observer.note(&format!("{name}: {frames} of {width} × {height} in {:.1} s", record.seconds));
         }
         Ok(())
     }
@@ -316,6 +322,7 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
     let preview = (preview && !to_stdout).then(|| beside(output, "preview.png"));
     let mut collector = Box::new(Collector { inner, wanted, next: 0, kept: Vec::new(), preview });
     let outcome = synth::run(&scene, &mut *collector, observer)?;
+    scene.leave_out(outcome.record.scene.without.clone());
     let frames = std::mem::take(&mut collector.kept);
     collector.finish()?;
     if !to_stdout {
@@ -351,9 +358,9 @@ fn refuse_input(places: &Places, file: &SceneFile) -> Result<()> {
     }
 }
 
-/// `falls.mp4` and `scene.toml` to `falls.scene.toml`; a folder keeps its whole name.
+/// `falls.mp4` and `scene.toml` to `falls.scene.toml`; a folder keeps its whole name, whether it is there yet or not.
 pub(super) fn beside(output: &Path, what: &str) -> PathBuf {
-    let name = if output.is_dir() { output.file_name() } else { output.file_stem() };
+    let name = if sink::is_folder(output) { output.file_name() } else { output.file_stem() };
     let mut name = name.unwrap_or_default().to_os_string();
     name.push(".");
     name.push(what);

@@ -13,6 +13,7 @@ use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use crate::base::error::{Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::par;
+pub use crate::base::text::counted;
 
 /// Options every command takes.
 #[derive(Debug, Clone, clap::Args)]
@@ -150,10 +151,21 @@ macro_rules! say {
 }
 pub use say;
 
-/// A number of things: "1 clip", "2 clips".
-pub fn counted(count: impl Into<u64>, what: &str) -> String {
-    let count = count.into();
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+/// Width of the terminal that results go to, in columns; none where they go elsewhere.
+pub fn columns() -> Option<usize> {
+    console::Term::stdout().size_checked().map(|(_, columns)| columns.into())
+}
+
+/// The words of a text in lines of at most `width` characters; a longer word has a line of its own.
+pub fn wrapped(text: &str, width: usize) -> Vec<String> {
+    let mut lines: Vec<String> = Vec::new();
+    for word in text.split_whitespace() {
+        match lines.last_mut() {
+            Some(line) if line.chars().count() + 1 + word.chars().count() <= width => *line = format!("{line} {word}"),
+            _ => lines.push(word.to_owned()),
+        }
+    }
+    lines
 }
 
 /// Seconds as "1 h 02 min", "3 min 05 s" or "4.2 s".
@@ -187,7 +199,6 @@ mod tests {
         assert_eq!(duration(4.21), "4.2 s");
         assert_eq!(duration(185.0), "3 min 05 s");
         assert_eq!(duration(3725.0), "1 h 02 min");
-        assert_eq!((counted(1u64, "clip"), counted(2u64, "clip")), ("1 clip".to_owned(), "2 clips".to_owned()));
         assert_eq!(bytes(999), "999 B");
         assert_eq!(bytes(12_340_000), "12.3 MB");
     }

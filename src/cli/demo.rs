@@ -79,7 +79,8 @@ impl Demo {
             file.library = vec![self.output.join(library).with_extension("pack")];
             let video = self.output.join(name).with_extension("mp4");
             let record = animate(file, &video, Some(&self.output.join(name)), observer)?;
-            say!("{}: {} frames in {}", video.display(), record.scene.output.frames, duration(record.seconds));
+            let frames = counted(record.scene.output.frames as u64, "frame");
+            say!("{}: {frames} in {}", video.display(), duration(record.seconds));
         }
         say!(
             "all in {}; look at {} and the contact sheets beside the videos",

@@ -7,7 +7,7 @@ use serde_json::json;
 use super::animate::beside;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer, stage};
-use crate::cli::common::say;
+use crate::cli::common::{columns, counted, say, wrapped};
 use crate::measure::footage::LONG_SIDE;
 use crate::measure::read::{self, Video};
 use crate::measure::{ALL, Footage, Subject, Value};
@@ -15,7 +15,7 @@ use crate::raster::image::Plane;
 use crate::raster::picture_io::read_grey;
 use crate::raster::resample::resize_rgb8;
 use crate::report::measured::Known;
-use crate::scene::file::SceneFile;
+use crate::scene::file::{Output, SceneFile};
 use crate::scene::scene::{self, Scene, Still};
 use crate::synth::record::RunRecord;
 
@@ -45,6 +45,9 @@ pub struct Measure {
     pub json: bool,
 }
 
+/// Columns that a definition below its measure stands in.
+const INDENT: usize = 6;
+
 /// Everything there is to measure with.
 struct Inputs {
     footage: Footage,
@@ -62,8 +65,10 @@ impl Measure {
         self.check()?;
         let record = record_of(&self.video)?;
         let scene = self.scene_of(record.as_ref())?;
-        let video = stage(observer, "read video", 0, || read::video(&self.video, LONG_SIDE, observer))?;
-        let inputs = self.inputs(&video, record.as_ref(), scene, observer)?;
+        let still = scene.as_ref().map(|scene| scene.still(observer)).transpose()?;
+        let video = self.video(still.as_ref(), observer)?;
+        let of_scene = scene.as_ref().zip(still.as_ref());
+        let inputs = self.inputs(&video, record.as_ref(), of_scene, observer)?;
         let values = stage(observer, "measure", ALL.len() as u64, || measure(&inputs, observer))?;
         self.print(&video, &inputs, &values)
     }
@@ -85,33 +90,62 @@ impl Measure {
             Some(path) => Some(scene::open(&path)?),
             None => record.map(|record| record.scene.clone()),
         };
-        let bare = |file| SceneFile { library: Vec::new(), background: None, ..file };
+        let bare = |file: SceneFile| {
+            // Only fluid alone is seen before its background here.
+            let background = file.background.clone().filter(|_| file.output.alpha);
+            SceneFile { library: Vec::new(), background, ..file }
+        };
         file.map(|file| Scene::new(bare(file))).transpose()
+    }
+
+    /// The video; fluid alone is laid over what the scene has behind it.
+    fn video(&self, still: Option<&Still>, observer: &dyn Observer) -> Result<Video> {
+        let behind = still.map(|still| still.background.as_ref().unwrap_or(&still.picture));
+        let video = stage(observer, "read video", 0, || read::video(&self.video, LONG_SIDE, behind, observer))?;
+        if video.see_through {
+            let behind = match still {
+                Some(still) if still.background.is_some() => "the scene's background",
+                Some(_) => "the scene's picture",
+                None => "grey",
+            };
+            observer.note(&format!("{}: has opacity; it is measured over {behind}", self.video.display()));
+        }
+        Ok(video)
+    }
+
+    /// Frames per second: as recorded, unless the file holds another number of frames (GIF, WebP and APNG leave some out
+    /// at high rates) and times of its own.
+    fn rate(&self, video: &Video, record: Option<&RunRecord>) -> f32 {
+        let output = record.map(|record| record.scene.output);
+        let all = |output: &Output| output.frames_range.map_or(output.frames, |[first, end]| end - first);
+        let as_recorded = output.filter(|output| self.video.is_dir() || all(output) == video.frames.len());
+        as_recorded.map_or(video.fps, |output| output.fps)
     }
 
     fn inputs(
         &self,
         video: &Video,
         record: Option<&RunRecord>,
-        scene: Option<Scene>,
+        of_scene: Option<(&Scene, &Still)>,
         observer: &dyn Observer,
     ) -> Result<Inputs> {
-        let still = scene.as_ref().map(|scene| scene.still(observer)).transpose()?;
-        still.as_ref().map_or(Ok(()), |still| self.check_size(video, still))?;
-        let matte = still.as_ref().map(|still| &still.matte);
+        let (scene, still) = of_scene.unzip();
+        still.map_or(Ok(()), |still| self.check_size(video, still))?;
+        let matte = still.map(|still| &still.matte);
         if still.is_none() {
             observer.note("no scene is known: all of the video is measured; name one with --scene");
         }
-        let fps = record.map_or(video.fps, |record| record.scene.output.fps);
+        let fps = self.rate(video, record);
         let loops = self.loops || record.is_some_and(|record| record.scene.output.frames_range.is_none());
         let footage =
             Footage::new(video.frames.clone(), fps, loops, matte).map_err(|e| e.about(self.video.display()))?;
         let size = (footage.width(), footage.height());
-        let picture = still.as_ref().map(|still| Footage::still(resize_rgb8(&still.picture, size.0, size.1), matte));
-        let of_scene = || scene.as_ref().and_then(|scene| scene.settings().reference.clone());
-        let reference = self.reference.clone().or_else(of_scene);
+        let picture = still.map(|still| Footage::still(resize_rgb8(&still.picture, size.0, size.1), matte));
+        let given = || scene.and_then(|scene| scene.settings().reference.clone());
+        let reference = self.reference.clone().or_else(given);
         let reference = reference.map(|path| self.reference(path, &footage, matte, observer)).transpose()?;
-        let known = Known::new(record, still.as_ref().and_then(|still| still.asked.as_ref()), size);
+        let asked = of_scene.and_then(|(scene, still)| Some((still.asked.as_ref()?, scene.settings().output.fps)));
+        let known = Known::new(record, asked, size, fps);
         Ok(Inputs { footage, picture: picture.transpose()?, reference, known })
     }
 
@@ -155,16 +189,17 @@ impl Measure {
         let Inputs { footage, reference, .. } = inputs;
         if !self.json {
             say!(
-                "{}: {} frames of {} × {} at {} per second, measured at {} × {}",
+                "{}: {} of {} × {} at {} per second, measured at {} × {}",
                 self.video.display(),
-                video.frames.len(),
+                counted(video.frames.len() as u64, "frame"),
                 video.size.0,
                 video.size.1,
                 footage.fps(),
                 footage.width(),
                 footage.height()
             );
-            values.iter().for_each(print_row);
+            let columns = columns();
+            values.iter().flat_map(|value| row(value, columns)).for_each(|line| say!("{line}"));
             return Ok(());
         }
         let rows: Vec<_> = values
@@ -219,14 +254,37 @@ fn measure(inputs: &Inputs, observer: &dyn Observer) -> Result<Vec<Value>> {
     ALL.iter().map(one).collect()
 }
 
-fn print_row((measure, value): &Value) {
+/// A measure on one line, or where that is longer than `columns`, its definition on lines of its own below.
+fn row((measure, value): &Value, columns: Option<usize>) -> Vec<String> {
     let shown = value.map_or("n/a".to_owned(), |v| format!("{v:.4}"));
     let missing = if value.is_none() { format!(" [needs: {}]", measure.needs) } else { String::new() };
-    say!(
-        "  {:27}{shown:>10}  {:15}{:8}{}{missing}",
-        measure.name,
-        measure.unit,
-        measure.better.words(),
-        measure.definition
-    );
+    let head = format!("  {:27}{shown:>10}  {:15}{:8}", measure.name, measure.unit, measure.better.words());
+    let tail = format!("{}{missing}", measure.definition);
+    match columns.filter(|&columns| head.chars().count() + tail.chars().count() > columns) {
+        None => vec![head + &tail],
+        Some(columns) => {
+            let below = wrapped(&tail, columns.saturating_sub(INDENT)).into_iter();
+            [head.trim_end().to_owned()].into_iter().chain(below.map(|line| " ".repeat(INDENT) + &line)).collect()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_rows_are_broken_at_the_terminal_s_width() {
+        for measure in ALL {
+            let whole = row(&(measure, None), None);
+            assert_eq!(whole.len(), 1);
+            for columns in [72, 80, 120] {
+                let lines = row(&(measure, None), Some(columns));
+                assert!(lines.iter().all(|line| line.chars().count() <= columns), "{columns}: {lines:?}");
+                let words = |text: &str| text.split_whitespace().map(str::to_owned).collect::<Vec<_>>();
+                assert_eq!(words(&lines.join(" ")), words(&whole[0]));
+            }
+            assert_eq!(row(&(measure, None), Some(1000)), whole);
+        }
+    }
 }

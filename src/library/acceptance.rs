@@ -6,6 +6,7 @@ use std::ops::Range;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::par;
+use crate::base::text::counted;
 use crate::raster::image::Rgb8;
 use crate::raster::resample;
 
@@ -289,7 +290,9 @@ impl fmt::Display for Reason {
             Self::Cut { frame } => write!(f, "cut at frame {frame}"),
             Self::Fade { frames } => write!(f, "fade in frames {} to {}", frames.start, frames.end),
             Self::Frozen { frames } => write!(f, "frozen in frames {} to {}", frames.start, frames.end),
-            Self::TooShort { frames } => write!(f, "too short: {frames} frames, needs {MIN_FRAMES}"),
+            Self::TooShort { frames } => {
+                write!(f, "too short: {}, needs {MIN_FRAMES}", counted(*frames as u64, "frame"))
+            }
             Self::TooSmall { width, height } => write!(f, "too small: {width} × {height} px"),
             Self::NothingMoves { share } => write!(f, "nothing moves: {:.1} % of the picture changes", share * 100.0),
             Self::RateTooLow { rate } => write!(f, "rate too low: {rate:.1} different frames per second"),

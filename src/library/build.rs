@@ -15,6 +15,7 @@ use super::features;
 use super::format::{FEATURES, Parameters};
 use super::grid::Cell;
 use super::inputs;
+use super::names::Names;
 use super::piece::ClipId;
 use super::reader::Pack;
 use super::scan::reason;
@@ -149,7 +150,7 @@ pub struct BuildReport {
 }
 
 /// Builds the pack `output` from `clips` (files, or folders of them). Clips that cannot be used are refused by name, and
-/// the build goes on. Stages: "clips" (in clips), "analyse" and "decode" (in frames of one clip), "features", "words",
+/// the build goes on. The names of their files go into a sidecar ([`Names`]). Stages: "clips" (in clips), "analyse" and "decode" (in frames of one clip), "features", "words",
 /// "write" (in bytes), "sync" and "rename".
 ///
 /// # Errors
@@ -185,6 +186,10 @@ pub fn build(clips: &[PathBuf], output: &Path, options: &Options, observer: &dyn
     }
     let tables = timed(&mut report.seconds[1], || features::compute(&segments, options, observer))?;
     report.bytes = timed(&mut report.seconds[2], || write(output, &tables, &segments, observer))?;
+    let files = tables.metadata.clips.iter().zip(&sources).map(|(clip, (path, _))| (clip.id, path.as_path()));
+    if let Err(error) = Names::of_files(files).write(output) {
+        observer.note(&format!("{error}; reports will name the clips by their hashes"));
+    }
     report.complete(sources, &segments, &tables);
     drop(segments);
     workshop.remove()?;

@@ -14,6 +14,7 @@ pub mod frames;
 pub mod grid;
 pub mod inputs;
 pub mod metadata;
+pub mod names;
 pub mod normalizers;
 pub mod piece;
 pub mod pieces;

@@ -1,6 +1,5 @@
 //! Frames in memory, of one size, with what several measures need of them.
 
-use std::ops::Range;
 use std::sync::OnceLock;
 
 use super::motion::{self, Pair};
@@ -57,15 +56,6 @@ impl Footage {
     /// Those of [`Footage::new`].
     pub fn still(picture: Rgb8, matte: Option<&Plane>) -> Result<Self> {
         Self::new(vec![picture], 1.0, false, matte)
-    }
-
-    /// Some of its consecutive frames; they do not loop.
-    ///
-    /// # Panics
-    /// When `range` is empty or goes beyond the last frame.
-    pub fn part(&self, range: Range<usize>) -> Self {
-        assert!(!range.is_empty());
-        Self { frames: self.frames[range].to_vec(), fps: self.fps, inside: self.inside.clone(), ..Self::default() }
     }
 
     /// The frames.
@@ -210,7 +200,6 @@ mod tests {
         assert_eq!((footage.width(), footage.height(), footage.frames().len()), (32, 20, 3));
         assert_eq!(footage.pixels().len(), 16 * 20);
         assert_eq!(footage.steps(), [(0, 1), (1, 2), (2, 0)]);
-        assert_eq!(footage.part(1..3).steps(), [(0, 1)]);
         assert_eq!(spread(10, 4), [0, 2, 5, 7]);
     }
 }

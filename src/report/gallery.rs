@@ -9,8 +9,10 @@ use super::page;
 use crate::base::atomic_file;
 use crate::base::error::{Error, Result};
 use crate::base::observe::{Observer, check, stage};
+use crate::base::text::counted;
 use crate::flow::draw;
 use crate::flow::field::Field;
+use crate::library::names::Names;
 use crate::library::reader::Pack;
 use crate::library::variant::Variant;
 use crate::raster::image::Plane;
@@ -23,11 +25,12 @@ const THUMBNAIL: usize = 256;
 /// Most frames of a thumbnail's loop.
 const THUMBNAIL_FRAMES: usize = 150;
 
-/// Writes the gallery of `pack` as `folder/index.html` with its videos and pictures beside it.
+/// Writes the gallery of `pack` as `folder/index.html` with its videos and pictures beside it; `names` are those of its
+/// clips, as far as there are any.
 ///
 /// # Errors
 /// A damaged pack, or a folder that cannot be written to.
-pub fn write(pack: &Pack, title: &str, folder: &Path, observer: &dyn Observer) -> Result<()> {
+pub fn write(pack: &Pack, names: &Names, title: &str, folder: &Path, observer: &dyn Observer) -> Result<()> {
     fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
     let clips = pack.clips().len() as u32;
     let cards = stage(observer, "gallery", u64::from(clips), || {
@@ -37,7 +40,7 @@ pub fn write(pack: &Pack, title: &str, folder: &Path, observer: &dyn Observer) -
                 write_thumbnail(pack, clip, folder)?;
                 write_pictures(pack, clip, folder)?;
                 observer.advance("gallery", 1);
-                Ok(card(pack, clip))
+                Ok(card(pack, names, clip))
             })
             .collect::<Result<Vec<_>>>()
     })?;
@@ -83,14 +86,14 @@ fn write_pictures(pack: &Pack, clip: u32, folder: &Path) -> Result<()> {
     write_png(&folder.join(name(pack, clip, "motion.png")), &resize_rgb8(&draw::colour(&field, 0.0), width, height))
 }
 
-fn card(pack: &Pack, clip: u32) -> Markup {
+fn card(pack: &Pack, names: &Names, clip: u32) -> Markup {
     let meta = &pack.clips()[clip as usize];
     let share = 100.0 * meta.pieces() as f64 / pack.piece_count().max(1) as f64;
     let seconds = f64::from(meta.frames) / f64::from(pack.parameters().rate);
     let still: u64 = meta.counts.iter().map(|c| u64::from(c.still)).sum();
     html! {
         article {
-            h2 { (meta.id) @if !meta.tag.is_empty() { " " span.tag { (meta.tag) } } }
+            h2 { @if let Some(name) = names.of(meta.id) { (name) " " } code { (meta.id) } @if !meta.tag.is_empty() { " " span.tag { (meta.tag) } } }
             div.views {
                 figure {
                     video src=(name(pack, clip, "mp4")) autoplay loop muted playsinline aria-label="the clip" {}
@@ -105,9 +108,9 @@ fn card(pack: &Pack, clip: u32) -> Markup {
                     figcaption { "mean motion" }
                 }
             }
-            p { (meta.width) " × " (meta.height) " px, " (meta.frames) " frames (" (format!("{seconds:.1}")) " s)" }
+            p { (meta.width) " × " (meta.height) " px, " (counted(meta.frames, "frame")) " (" (format!("{seconds:.1}")) " s)" }
             p {
-                (meta.pieces()) " pieces, " (format!("{share:.1}")) " % of the library; "
+                (counted(meta.pieces(), "piece")) ", " (format!("{share:.1}")) " % of the library; "
                 (still) " left out because they stand still"
             }
             div.bar { div style=(format!("width:{share:.2}%")) {} }
@@ -118,7 +121,7 @@ fn card(pack: &Pack, clip: u32) -> Markup {
 const STYLE: &str = "\
 :root{color-scheme:light dark}body{font:15px/1.4 system-ui,sans-serif;margin:1.5rem;max-width:90rem}\
 main{display:grid;grid-template-columns:repeat(auto-fill,minmax(min(100%,26rem),1fr));gap:1.5rem}\
-article{border:1px solid #8884;border-radius:8px;padding:1rem}h2{font:600 1rem ui-monospace,monospace;margin:0 0 .5rem}\
+article{border:1px solid #8884;border-radius:8px;padding:1rem}h2{font:600 1rem system-ui,sans-serif;overflow-wrap:anywhere;margin:0 0 .5rem}\
 .tag{background:#48a;color:#fff;border-radius:4px;padding:0 .4em}.views{display:flex;gap:.5rem}\
 figure{margin:0;flex:1}figure>*{width:100%;display:block}figcaption{font-size:.8rem;opacity:.7}\
 p{margin:.4rem 0}body>p{margin:0 0 1.2rem}.bar{background:#8883;height:6px;border-radius:3px}.bar div{background:#48a;height:100%;border-radius:3px}";
@@ -127,7 +130,7 @@ fn page(pack: &Pack, title: &str, cards: &[Markup]) -> Markup {
     let body = html! {
         h1 { "Library " (title) }
         p {
-            (pack.clips().len()) @if pack.clips().len() == 1 { " clip, " } @else { " clips, " } (pack.piece_count()) " pieces, " (Variant::COUNT)
+            (counted(pack.clips().len() as u64, "clip")) ", " (counted(pack.piece_count() as u64, "piece")) ", " (Variant::COUNT)
             " variants of each clip. In the motion pictures red is to the right, yellow-green down, cyan to the "
             "left, violet up; white is still."
         }

@@ -6,12 +6,16 @@ use maud::{Markup, html};
 
 use super::page;
 use super::plot;
+use crate::base::text::counted;
 use crate::scene::file;
 use crate::synth::record::{AssignmentRecord, RunRecord};
 
 /// What the pictures of a run show, by name.
 const CAPTIONS: [(&str, &str); 7] = [
-    ("assignment", "Which clip moves what. Shades of a colour are pieces that do not continue each other."),
+    (
+        "assignment",
+        "Which clip moves what: its colour, its number in the table, its share. Shades of a colour are pieces that do not continue each other.",
+    ),
     ("motion", "Mean motion of the pieces: red right, yellow-green down, cyan left, violet up; white is still."),
     ("orientation", "Direction of the motion, as --orientation reads it."),
     ("speed", "Speed of the motion, as --speed reads it."),
@@ -52,7 +56,7 @@ pub fn page(record: &RunRecord, pictures: &[&str], video: Option<&Path>) -> Mark
         (notes(record))
         h2 { "Settings" }
         pre { (settings(record)) }
-        p { "Enliven " (record.version) ", " (record.threads) " threads, " (record.instructions) "." }
+        p { "Enliven " (record.version) ", " (counted(record.threads as u64, "thread")) ", " (record.instructions) "." }
     };
     page::page(&format!("Run: {title}"), STYLE, &body)
 }
@@ -62,7 +66,8 @@ fn what(record: &RunRecord) -> String {
     let method = record.scene.method.as_deref().unwrap_or_default();
     let frames = output.frames_range.map_or(output.frames, |[a, b]| b - a);
     let (fps, seconds) = (output.fps, record.seconds);
-    format!("{frames} frames of {width} × {height} at {fps} per second, method {method}, made in {seconds:.1} s.")
+    let frames = counted(frames as u64, "frame");
+    format!("{frames} of {width} × {height} at {fps} per second, method {method}, made in {seconds:.1} s.")
 }
 
 /// The video itself, where browsers show its format.
@@ -104,24 +109,27 @@ fn clips(assignment: &AssignmentRecord, pictures: &[&str]) -> Markup {
     html! {
         h2 { "Which clip went where" }
         @if pictures.contains(&"assignment") { (picture("assignment")) }
+        p { "Places are squares of 48 pixels of the working image, 24 apart, each moved by one piece of a clip. Jump: how unlike the frames are that a clip's loop fades between, from 0, the same, to 1, unrelated." }
         div.scroll {
             table {
                 thead {
                     tr {
-                        th scope="col" { "Colour" } th scope="col" { "Clip" } th scope="col" { "Tag" }
-                        th.number scope="col" { "Share" } th.number scope="col" { "Nodes" }
-                        th.number scope="col" { "Its loop" } th.number scope="col" { "Played at" }
+                        th.number scope="col" { "No." } th scope="col" { "Colour" } th scope="col" { "Clip" } th scope="col" { "Tag" }
+                        th.number scope="col" { "Share" } th.number scope="col" { "Places" }
+                        th.number scope="col" { "Its loop" } th.number scope="col" { "Jump" } th.number scope="col" { "Played at" }
                     }
                 }
                 tbody {
                     @for clip in &assignment.clips {
                         tr {
+                            td.number { (clip.number) }
                             td { span.swatch style=(colour(clip.colour)) {} }
-                            th scope="row" { code { (clip.clip) } }
+                            th scope="row" { @if let Some(name) = &clip.name { (name) " " } code { (clip.clip) } }
                             td { (clip.tag) }
                             td.number { (format!("{:.1} %", 100.0 * clip.share)) }
                             td.number { (clip.nodes) }
                             td.number { "frames " (clip.loop_frames.0) " to " (clip.loop_frames.1) }
+                            td.number { (format!("{:.2}", clip.loop_jump)) }
                             td.number { (format!("{:.2} ×", clip.rate)) }
                         }
                     }
@@ -217,14 +225,17 @@ mod tests {
 
     fn record() -> RunRecord {
         let clip = |i: usize| ClipShare {
+            number: i + 1,
             library: 0,
             clip: format!("00112233445566{i:02x}"),
+            name: (i == 1).then(|| "<river>.mp4".into()),
             tag: "a <b> & \"c\"".into(),
             colour: [i as u8, 10, 200],
             nodes: 3 + i,
             share: [0.625, 0.375][i],
             rate: 1.5,
             loop_frames: (5, 77),
+            loop_jump: 0.25,
         };
         let assignment = AssignmentRecord {
             energy: 12.5,
@@ -248,7 +259,15 @@ mod tests {
         let sources = check(&page, "src");
         assert_eq!(sources, ["../take%20%231/a%20video.mp4", "contact-sheet.png", "assignment.png", "motion.png"]);
         assert!(!page.contains("://") && !page.contains("<script") && !page.contains("@import"));
-        let told = ["62.5 %", "37.5 %", "a &lt;b&gt; &amp; ", "0011223344556601", "no matte given", "1.50 ×"];
+        let told = [
+            "62.5 %",
+            "37.5 %",
+            "a &lt;b&gt; &amp; ",
+            "0011223344556601",
+            "no matte given",
+            "1.50 ×",
+            "&lt;river&gt;.mp4",
+        ];
         for part in told.into_iter().chain(["background:#000ac8", "the &lt;falls&gt;.png"]) {
             assert!(page.contains(part), "{part} in {page}");
         }

@@ -124,12 +124,13 @@ pub fn parse(text: &str, path: &Path) -> Result<SceneFile> {
     for (key, value) in &table {
         let inner = || value.as_table().into_iter().flat_map(|t| t.keys().map(String::as_str));
         match key.as_str() {
-            "motion" => refuse_unknown("motion", inner(), &MOTION_KEYS)?,
-            "output" => refuse_unknown("output", inner(), &OUTPUT_KEYS)?,
-            known if KEYS.contains(&known) => {}
-            _ if value.is_table() => {}
-            _ => return Err(unknown("", key, &KEYS)),
+            "motion" => refuse_unknown("motion", inner(), &MOTION_KEYS),
+            "output" => refuse_unknown("output", inner(), &OUTPUT_KEYS),
+            known if KEYS.contains(&known) => Ok(()),
+            _ if value.is_table() => Ok(()),
+            _ => Err(unknown("", key, &KEYS)),
         }
+        .map_err(|error| error.within(path))?;
     }
     table.try_into().map_err(bad)
 }
@@ -163,6 +164,9 @@ pub fn set(scene: &mut SceneFile, text: &str) -> Result<()> {
 fn explain(error: &toml::de::Error, text: &str) -> String {
     let line = error.span().map(|s| text.get(..s.start).unwrap_or_default().matches('\n').count() + 1);
     let said = if line.is_some() { error.message().to_owned() } else { error.to_string() };
+    if said.contains("untagged enum Value") {
+        return "an option of a method is a number, true or false, or a word".to_owned();
+    }
     let words = said.split_whitespace().map(|word| match word.trim_end_matches(',') {
         "usize" | "u64" => "a whole number",
         "f32" => "a number",

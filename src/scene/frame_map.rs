@@ -9,9 +9,6 @@ pub struct PicturePoint(pub f32, pub f32);
 /// Position in pixels of the working image, centres at ½.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WorkingPoint(pub f32, pub f32);
-/// Position in pixels of the output, centres at ½.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OutputPoint(pub f32, pub f32);
 
 /// Sizes of picture, working image and output, and the maps between their coordinates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -48,8 +45,10 @@ impl FrameMap {
                 .allowed(format!("at least {PIECE} pixels each way, the side of a piece of motion"))
                 .remedy(remedy));
         }
-        let height = (output.0 as f64 * picture.1 as f64 / picture.0 as f64).round() as usize;
-        if output.1.abs_diff(height) > 2 {
+        // Two pixels of rounding on the one side or the other: of a narrow picture, the short side rounds coarsely.
+        let shape = picture.1 as f64 / picture.0 as f64;
+        let (width, height) = ((output.1 as f64 / shape).round() as usize, (output.0 as f64 * shape).round() as usize);
+        if output.1.abs_diff(height) > 2 && output.0.abs_diff(width) > 2 {
             return Err(Error::new(
                 Kind::Usage,
                 "output.size",
@@ -62,25 +61,13 @@ impl FrameMap {
 
     /// From the picture to the working image.
     pub fn to_working(&self, p: PicturePoint) -> WorkingPoint {
-        let (x, y) = between(self.picture, self.working, p.0, p.1);
-        WorkingPoint(x, y)
+        let ((pw, ph), (ww, wh)) = (self.picture, self.working);
+        WorkingPoint(p.0 * ww as f32 / pw as f32, p.1 * wh as f32 / ph as f32)
     }
 
     /// Pixels of the working image per pixel of the picture, for lengths and speeds.
     pub fn working_scale(&self) -> f32 {
         ((self.working.0 * self.working.1) as f32 / (self.picture.0 * self.picture.1) as f32).sqrt()
-    }
-
-    /// From the picture to the output.
-    pub fn to_output(&self, p: PicturePoint) -> OutputPoint {
-        let (x, y) = between(self.picture, self.output, p.0, p.1);
-        OutputPoint(x, y)
-    }
-
-    /// From the working image to the picture.
-    pub fn to_picture(&self, p: WorkingPoint) -> PicturePoint {
-        let (x, y) = between(self.working, self.picture, p.0, p.1);
-        PicturePoint(x, y)
     }
 }
 
@@ -92,6 +79,15 @@ pub fn preview_size(picture: (usize, usize), size: Option<[usize; 2]>) -> [usize
     [width, height]
 }
 
+/// Working size of a quick look: at most `working` and [`PREVIEW_WORKING`] pixels on the long side, or as many more as
+/// leave the short side the height of a piece.
+pub fn preview_working(picture: (usize, usize), working: usize) -> usize {
+    let (long, short) = (picture.0.max(picture.1), picture.0.min(picture.1));
+    working.min(PREVIEW_WORKING.max((PIECE * long).div_ceil(short.max(1))))
+}
+
+/// Working size of a quick look, pixels, where the picture's shape allows it.
+const PREVIEW_WORKING: usize = 320;
 /// Smallest long side of a quick look.
 const PREVIEW_LONG_SIDE: usize = 240;
 
@@ -103,10 +99,6 @@ fn fit((w, h): (usize, usize), long: usize) -> (usize, usize) {
     }
     let of = |v: usize| ((v as f64 * ratio).round() as usize).max(1);
     (of(w), of(h))
-}
-
-fn between(from: (usize, usize), to: (usize, usize), x: f32, y: f32) -> (f32, f32) {
-    (x * to.0 as f32 / from.0 as f32, y * to.1 as f32 / from.1 as f32)
 }
 
 #[cfg(test)]
@@ -130,11 +122,20 @@ mod tests {
     }
 
     #[test]
-    fn maps_are_inverse_and_keep_the_corners() {
+    fn a_quick_look_at_a_panorama_keeps_its_short_side() {
+        assert_eq!(preview_working((1280, 720), 640), 320);
+        assert_eq!(preview_working((1280, 720), 200), 200);
+        for picture in [(4000, 480), (480, 4000), (3001, 300)] {
+            let working = preview_working(picture, 640);
+            let map = FrameMap::new(picture, Some(preview_size(picture, None)), working).unwrap();
+            assert!(map.working.0.min(map.working.1) == PIECE && working < 640, "{picture:?}: {working}");
+        }
+    }
+
+    #[test]
+    fn corners_of_the_picture_are_corners_of_the_working_image() {
         let map = FrameMap::new((1280, 720), None, 640).unwrap();
-        let there = map.to_working(PicturePoint(1280.0, 720.0));
-        assert_eq!(there, WorkingPoint(640.0, 360.0));
-        assert_eq!(map.to_picture(there), PicturePoint(1280.0, 720.0));
-        assert_eq!(map.to_output(PicturePoint(3.5, 7.5)), OutputPoint(3.5, 7.5));
+        assert_eq!(map.to_working(PicturePoint(1280.0, 720.0)), WorkingPoint(640.0, 360.0));
+        assert_eq!(map.to_working(PicturePoint(0.0, 0.0)), WorkingPoint(0.0, 0.0));
     }
 }

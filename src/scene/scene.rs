@@ -13,6 +13,8 @@ use crate::raster::image::{Color, Plane, Rgb8};
 use crate::raster::picture_io::{picture_size, read_grey, read_picture};
 use crate::raster::resample::{resize, resize_channel, resize_rgb8};
 
+/// Fewest frames of a loop.
+pub const MIN_FRAMES: usize = 2;
 /// Name of the scene file within a scene's folder.
 pub const SCENE_FILE: &str = "scene.toml";
 
@@ -22,7 +24,7 @@ pub const SCENE_FILE: &str = "scene.toml";
 /// # Errors
 /// A missing or unreadable file, or those of [`file::parse`].
 pub fn open(path: &Path) -> Result<SceneFile> {
-    let path = if path.is_dir() { path.join(SCENE_FILE) } else { path.to_owned() };
+    let path = file_of(path);
     if !path.exists() {
         return Err(Error::file(Kind::Io, &path, "there is no such file")
             .allowed("a picture, a scene file, or a folder with a scene.toml")
@@ -36,6 +38,11 @@ pub fn open(path: &Path) -> Result<SceneFile> {
     let folder = path.parent().unwrap_or(Path::new("."));
     for_each_path(&mut scene, |p| *p = if p.as_os_str().is_empty() { PathBuf::new() } else { folder.join(&*p) });
     Ok(scene)
+}
+
+/// The file that a person points at: a scene's folder has its `scene.toml`.
+pub fn file_of(path: &Path) -> PathBuf {
+    if path.is_dir() { path.join(SCENE_FILE) } else { path.to_owned() }
 }
 
 fn for_each_path(scene: &mut SceneFile, mut f: impl FnMut(&mut PathBuf)) {
@@ -125,6 +132,11 @@ impl Scene {
         self.file.options.get(method).cloned().unwrap_or_default()
     }
 
+    /// Replaces the clips that must not be used.
+    pub fn leave_out(&mut self, clips: Vec<String>) {
+        self.file.without = clips;
+    }
+
     /// Replaces the options of a method, so that a written scene holds every value that was used.
     pub fn set_options(&mut self, method: &str, table: Table) {
         self.file.method = Some(method.to_owned());
@@ -189,10 +201,15 @@ fn check_numbers(file: &SceneFile) -> Result<()> {
     let bad = |key: &str, value: String, allowed: &str| {
         Err(Error::new(Kind::Usage, key, format!("{value} is out of range")).allowed(allowed))
     };
-    if !(2..=100_000).contains(&out.frames) {
-        return bad("output.frames", out.frames.to_string(), "2 to 100000");
+    if !(MIN_FRAMES..=100_000).contains(&out.frames) {
+        return bad("output.frames", out.frames.to_string(), &format!("{MIN_FRAMES} to 100000"));
     }
-    if let Some([first, end]) = out.frames_range.filter(|[first, end]| first >= end || *end > out.frames) {
+    if let Some([first, end]) = out.frames_range.filter(|[first, end]| first >= end) {
+        let problem = format!("{first}..{end} holds no frame: the first comes first, then the one after the last");
+        return Err(Error::new(Kind::Usage, "output.frames_range", problem)
+            .remedy(format!("write {end}..{}", first.max(end + 1))));
+    }
+    if let Some([first, end]) = out.frames_range.filter(|[_, end]| *end > out.frames) {
         let allowed = format!("0..{0}, or a part of it; {0} itself is not a frame of the loop", out.frames);
         return bad("output.frames_range", format!("{first}..{end}"), &allowed);
     }

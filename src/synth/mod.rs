@@ -5,6 +5,7 @@ pub mod database;
 pub mod footage;
 pub mod frames;
 pub mod gate;
+pub mod legend;
 pub mod maps;
 pub mod memory;
 pub mod outcome;
@@ -16,12 +17,14 @@ pub mod rates;
 pub mod record;
 pub mod rendering;
 
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::options::{Declared, Table, unknown};
+use crate::library::names::Names;
 use crate::library::reader::Pack;
 use crate::raster::image::Rgb8;
 use crate::scene::file;
@@ -44,6 +47,11 @@ impl Sources {
     pub fn open(scene: &Scene) -> Result<Self> {
         let open = |path: &PathBuf| Ok((path.clone(), Pack::open(path)?));
         Ok(Self { packs: scene.settings().library.iter().map(open).collect::<Result<_>>()? })
+    }
+
+    /// The clips' names for people, library by library.
+    fn names(&self, observer: &dyn Observer) -> Vec<Names> {
+        self.packs.iter().map(|(path, pack)| Names::read(path, pack.clips(), observer)).collect()
     }
 }
 
@@ -93,12 +101,8 @@ pub const DEFAULT_METHOD: &str = "database";
 /// # Errors
 /// Unknown methods and tables (naming the nearest), unknown or bad options.
 pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
+    check_options(&scene.settings().options)?;
     let names: Vec<&str> = REGISTRY.iter().map(|m| m.name).collect();
-    let tables: Vec<&str> = names.iter().copied().chain(file::KEYS).collect();
-    for (name, table) in &scene.settings().options {
-        let method = REGISTRY.iter().find(|m| m.name == name).ok_or_else(|| unknown("", name, &tables))?;
-        (method.complete)(table)?;
-    }
     let name = scene.settings().method.clone().unwrap_or_else(|| DEFAULT_METHOD.to_owned());
     let method = REGISTRY
         .iter()
@@ -107,6 +111,18 @@ pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
     let table = (method.complete)(&scene.options(method.name))?;
     scene.set_options(method.name, table);
     Ok(method)
+}
+
+/// Checks the option tables of methods, by their names.
+///
+/// # Errors
+/// Unknown tables (naming the nearest), unknown or bad options.
+pub fn check_options(options: &BTreeMap<String, Table>) -> Result<()> {
+    let tables: Vec<&str> = REGISTRY.iter().map(|m| m.name).chain(file::KEYS).collect();
+    options.iter().try_for_each(|(name, table)| {
+        let method = REGISTRY.iter().find(|m| m.name == name).ok_or_else(|| unknown("", name, &tables))?;
+        (method.complete)(table).map(drop)
+    })
 }
 
 /// Animates a scene with its method: opens its libraries, makes all frames and pushes them to `sink`, which the caller
@@ -120,7 +136,19 @@ pub fn run(scene: &Scene, sink: &mut dyn Sink, observer: &dyn Observer) -> Resul
     let synthesizer = (method.build)(&checked.options(method.name))?;
     let sources = Sources::open(&checked)?;
     let timed = Timed::new(observer);
+    let names = sources.names(&timed);
+    checked.leave_out(by_hash(&scene.settings().without, &names));
     let mut outcome = synthesizer.synthesize(&checked, &sources, sink, &timed)?;
     outcome.record.finish(&checked, &timed);
+    outcome.record.name_clips(&names);
     Ok(outcome)
+}
+
+/// Clips that a person named, by their hashes, so that what is written down repeats the run without any names.
+fn by_hash(clips: &[String], names: &[Names]) -> Vec<String> {
+    let hashes = |clip: &String| {
+        let found: BTreeSet<_> = names.iter().flat_map(|names| names.called(clip)).collect();
+        if found.is_empty() { vec![clip.clone()] } else { found.iter().map(ToString::to_string).collect() }
+    };
+    clips.iter().flat_map(hashes).collect()
 }

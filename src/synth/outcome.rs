@@ -4,6 +4,7 @@ use super::Outcome;
 use super::assignment_picture::{assignment_picture, colour};
 use super::database::Run;
 use super::footage::Clip;
+use super::legend::with_legend;
 use super::maps::{Maps, maps};
 use super::pick::{Choices, Labels};
 use super::placing::{Footage, Placed};
@@ -30,7 +31,9 @@ pub fn outcome(
 ) -> Result<Outcome> {
     let clip_of: Vec<usize> = placed.layout.placements.iter().map(|p| placed.sources[p.source].0).collect();
     let (still, motion) = (run.still, &rendering.motion);
+    let shares = shares(run, placed, clips, &clip_of);
     let picture = assignment_picture(&still.working.luma(), &still.working_matte, &placed.layout, &clip_of);
+    let picture = with_legend(&picture, &shares);
     let full = |plane: &Plane| resize(plane, still.map.working.0, still.map.working.1);
     let field = Field { u: full(&motion.mean.u), v: full(&motion.mean.v) };
     let Maps { mut pictures, max_speed } = maps(motion, run.pace(), still.asked.as_ref(), &still.map);
@@ -46,7 +49,7 @@ pub fn outcome(
         history: solution.history.clone(),
         bounds: solution.bounds.clone(),
         widened: candidates.widened,
-        clips: shares(run, placed, clips, &clip_of),
+        clips: shares,
         nodes: (0..placed.choices.len()).map(|i| node(run, placed, clip_of[i], i)).collect::<Result<_>>()?,
     };
     let record = RunRecord { assignment: Some(assignment), max_speed: Some(max_speed), ..RunRecord::default() };
@@ -62,16 +65,20 @@ fn shares(run: &Run, placed: &Placed, clips: &[Clip], clip_of: &[usize]) -> Vec<
         ClipShare {
             library,
             clip: meta.id.to_string(),
+            number: 0,
+            name: None,
             tag: meta.tag.clone(),
             colour: colour(i),
             nodes,
             share: nodes as f64 / clip_of.len() as f64,
             rate: RATES[rate],
             loop_frames: (clips[i].plan.start(), clips[i].plan.start() + segment),
+            loop_jump: clips[i].plan.worst_jump(),
         }
     };
     let mut shares: Vec<ClipShare> = placed.clips.iter().enumerate().map(share).collect();
     shares.sort_by(|a, b| b.nodes.cmp(&a.nodes).then_with(|| a.clip.cmp(&b.clip)));
+    shares.iter_mut().enumerate().for_each(|(i, share)| share.number = i + 1);
     shares
 }
 

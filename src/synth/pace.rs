@@ -64,30 +64,94 @@ impl Paces {
     }
 }
 
-/// Per pixel of the halved frame: 0 where the picture is another one in every frame, 1 where that takes 2⁶ times as long.
-/// Measured is the mean squared difference of neighbouring frames over twice the variance, which is 1 without any memory.
+/// Slowness of a clip, see [`Change::slowness`], per pixel of the halved frame.
 fn slowness(pack: &Pack, clip: u32) -> Result<Plane> {
     let count = (pack.clips()[clip as usize].frames as usize).min(FRAMES);
     let mut frames = pack.frames(clip)?;
-    let mut before = reduce(&frames.luma_at(0)?);
-    let (width, height) = (before.width, before.height);
-    let (mut sum, mut squares, mut steps) = (before.clone(), before.map(|v| v * v), Plane::zeros(width, height));
+    let mut change = Change::new(reduce(&frames.luma_at(0)?));
     for t in 1..count {
-        let luma = reduce(&frames.luma_at(t)?);
-        for (i, (&l, &b)) in luma.data.iter().zip(&before.data).enumerate() {
-            sum.data[i] += l;
-            squares.data[i] += l * l;
-            steps.data[i] += (l - b) * (l - b);
+        change.add(reduce(&frames.luma_at(t)?));
+    }
+    Ok(change.slowness())
+}
+
+/// Sums over consecutive frames, per pixel: of luma, of its square, and of the squared steps from frame to frame.
+struct Change {
+    sum: Plane,
+    squares: Plane,
+    steps: Plane,
+    before: Plane,
+    count: usize,
+}
+
+impl Change {
+    fn new(luma: Plane) -> Self {
+        let (squares, steps) = (luma.map(|v| v * v), Plane::zeros(luma.width, luma.height));
+        Self { sum: luma.clone(), squares, steps, before: luma, count: 1 }
+    }
+
+    fn add(&mut self, luma: Plane) {
+        for (i, (&l, &b)) in luma.data.iter().zip(&self.before.data).enumerate() {
+            self.sum.data[i] += l;
+            self.squares.data[i] += l * l;
+            self.steps.data[i] += (l - b) * (l - b);
         }
-        before = luma;
+        self.before = luma;
+        self.count += 1;
     }
-    let share = 1.0 / count as f32;
-    squares.data.iter_mut().zip(&sum.data).for_each(|(q, s)| *q = (share * *q - (share * s).powi(2)).max(0.0));
-    let (variance, steps) = (gaussian(&squares, WINDOW), gaussian(&steps, WINDOW));
-    let mut out = variance;
-    for (v, s) in out.data.iter_mut().zip(&steps.data) {
-        let turnover = s / (count - 1) as f32 / (2.0 * (*v + NOISE));
-        *v = (-turnover.max(1e-6).log2() / OCTAVES).clamp(0.0, 1.0);
+
+    /// 0 where the picture is another one in every frame, 1 where that takes 2⁶ times as long. Measured is the mean
+    /// squared difference of neighbouring frames over twice the variance, which is 1 without any memory.
+    fn slowness(mut self) -> Plane {
+        let share = 1.0 / self.count as f32;
+        let pairs = self.squares.data.iter_mut().zip(&self.sum.data);
+        pairs.for_each(|(q, s)| *q = (share * *q - (share * s).powi(2)).max(0.0));
+        let (mut out, steps) = (gaussian(&self.squares, WINDOW), gaussian(&self.steps, WINDOW));
+        for (v, s) in out.data.iter_mut().zip(&steps.data) {
+            let turnover = s / (self.count - 1) as f32 / (2.0 * (*v + NOISE));
+            *v = (-turnover.max(1e-6).log2() / OCTAVES).clamp(0.0, 1.0);
+        }
+        out
     }
-    Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::{hash, unit};
+
+    /// Mean slowness of noise that is another one every `hold` frames.
+    fn of_noise(hold: u64) -> f32 {
+        let frame = |t: u64| Plane::from_fn(48, 48, |x, y| unit(hash(t / hold, &[x as u64, y as u64])));
+        let mut change = Change::new(frame(0));
+        (1..FRAMES as u64).for_each(|t| change.add(frame(t)));
+        let slowness = change.slowness();
+        slowness.data.iter().sum::<f32>() / slowness.data.len() as f32
+    }
+
+    #[test]
+    fn slowness_counts_octaves_of_renewal() {
+        assert!(of_noise(1) < 0.02, "{}", of_noise(1));
+        // With a new picture every 4 frames, one step in 4 is a whole one: two octaves of six.
+        assert!((of_noise(4) - 2.0 / 6.0).abs() < 0.04, "{}", of_noise(4));
+        assert!(of_noise(4) < of_noise(8) && of_noise(8) < of_noise(16));
+    }
+
+    #[test]
+    fn what_stands_still_is_slowest_and_two_halves_are_told_apart() {
+        assert_eq!(of_noise(1000), 1.0);
+        let frame = |t: u64| {
+            let lively = |x: usize, y: usize| unit(hash(t, &[x as u64, y as u64]));
+            Plane::from_fn(96, 48, |x, y| if x < 48 { lively(x, y) } else { 0.3 })
+        };
+        let mut change = Change::new(frame(0));
+        (1..9).for_each(|t| change.add(frame(t)));
+        let slowness = change.slowness();
+        assert!(
+            slowness.at(10, 24) < 0.05 && slowness.at(95, 24) > 0.5,
+            "{} {}",
+            slowness.at(10, 24),
+            slowness.at(95, 24)
+        );
+    }
 }

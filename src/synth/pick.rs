@@ -13,6 +13,7 @@ use crate::assign::solve::{self, Solution, solve};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{Observer, stage};
 use crate::base::options::nearest;
+use crate::base::text::counted;
 use crate::base::{par, rng};
 use crate::descriptor::dense_sift;
 use crate::descriptor::textureness::Textureness;
@@ -28,6 +29,8 @@ use crate::scene::asked::Wish;
 use crate::scene::file::SceneFile;
 use crate::scene::scene::{Scene, Still};
 
+/// Fewer clips than this give the same motion everywhere.
+const FEW_CLIPS: usize = 3;
 /// Side of the places that `per_place` counts, pixels of the clip.
 const PLACE: u32 = 32;
 
@@ -82,7 +85,10 @@ pub fn candidates(
     let described = dense_sift::describe(&grid.padded(&still.working.luma()));
     let mut found = Vec::new();
     for (number, (path, pack)) in sources.packs.iter().enumerate() {
-        let Some(usable) = Usable::of(pack, scene.settings())? else { continue };
+        let Some(usable) = Usable::of(pack, scene.settings())? else {
+            observer.note(&format!("{}: none of its clips may be used (use, without), so it is not", path.display()));
+            continue;
+        };
         let words = pack.vocabulary()?.words(&described);
         let word = |n: &Node| words.piece(n.x as usize, n.y as usize);
         let nodes: Option<Vec<[u8; PIECE_WORDS]>> = grid.nodes.iter().map(word).collect();
@@ -104,7 +110,28 @@ pub fn candidates(
             grid.nodes.len()
         ));
     }
-    Ok(Choices { widened, ..merge(&found, grid.nodes.len(), options.count) })
+    let choices = Choices { widened, ..merge(&found, grid.nodes.len(), options.count) };
+    tell_few(&choices, sources, observer)?;
+    Ok(choices)
+}
+
+/// Tells of a library that hardly serves the picture: too few clips look like it, or clips of several fluids do.
+fn tell_few(choices: &Choices, sources: &Sources, observer: &dyn Observer) -> Result<()> {
+    let clip = |c: &Choice| Ok((c.pack, sources.packs[c.pack].1.piece(c.piece)?.clip));
+    let clips: BTreeSet<(usize, u32)> = choices.choices.iter().map(clip).collect::<Result<_>>()?;
+    if clips.len() < FEW_CLIPS {
+        observer.note(&format!(
+            "all the motion comes from {}: it will be seen in many places at once; twenty varied clips make a good library",
+            counted(clips.len() as u64, "clip")
+        ));
+    }
+    let tag = |&(pack, clip): &(usize, u32)| sources.packs[pack].1.clips()[clip as usize].tag.as_str();
+    let tags: BTreeSet<&str> = clips.iter().map(tag).filter(|tag| !tag.is_empty()).collect();
+    if tags.len() > 1 {
+        let tags = tags.into_iter().collect::<Vec<_>>().join(" and ");
+        observer.note(&format!("clips tagged {tags} are used side by side; --use keeps to one tag"));
+    }
+    Ok(())
 }
 
 /// The gate for what is asked of the nodes, shut for the usable pieces of a pack that move otherwise.

@@ -1,5 +1,6 @@
 //! What is written down of a run.
 
+use std::collections::BTreeSet;
 use std::sync::Mutex;
 use std::time::Instant;
 
@@ -7,7 +8,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::base::observe::Observer;
 use crate::base::par;
-use crate::library::piece::PieceRef;
+use crate::library::names::Names;
+use crate::library::piece::{ClipId, PieceRef};
 use crate::scene::file::SceneFile;
 use crate::scene::scene::Scene;
 
@@ -77,12 +79,18 @@ pub struct AssignmentRecord {
 }
 
 /// How much of the picture a clip moves.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ClipShare {
+    /// Its number in the legend of the assignment picture, from 1 on.
+    #[serde(default)]
+    pub number: usize,
     /// Which library, by its place in the scene's list.
     pub library: usize,
     /// First bytes of the clip's identity.
     pub clip: String,
+    /// The name of its file, where the library has a sidecar of names.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// Its tag.
     pub tag: String,
     /// Its colour in the assignment picture, red, green, blue.
@@ -96,6 +104,9 @@ pub struct ClipShare {
     pub rate: f32,
     /// Frames of the clip where its loop begins and ends.
     pub loop_frames: (usize, usize),
+    /// How unlike the frames are that its loop fades between, at worst: 0 the same, 1 unrelated.
+    #[serde(default)]
+    pub loop_jump: f64,
 }
 
 /// A node and its piece.
@@ -139,6 +150,18 @@ impl RunRecord {
         self.stages = timed.stages.lock().map(|s| s.clone()).unwrap_or_default();
         self.seconds = timed.start.elapsed().as_secs_f64();
         self.notes = timed.notes.lock().map(|n| n.clone()).unwrap_or_default();
+    }
+}
+
+impl RunRecord {
+    /// Adds the names of the clips' files, given library by library.
+    pub fn name_clips(&mut self, names: &[Names]) {
+        let Some(assignment) = &mut self.assignment else { return };
+        let ids: BTreeSet<(usize, ClipId)> = assignment.nodes.iter().map(|n| (n.library, n.piece.clip)).collect();
+        for clip in &mut assignment.clips {
+            let id = ids.iter().find(|(library, id)| *library == clip.library && id.to_string() == clip.clip);
+            clip.name = id.and_then(|(library, id)| names.get(*library)?.of(*id)).map(str::to_owned);
+        }
     }
 }
 

@@ -30,6 +30,7 @@ const SHORTEST: u64 = 2;
 /// Collects frames and writes an animated GIF.
 pub struct GifWriter {
     out: AtomicFile,
+    /// A second temporary file, which never gets a name.
     waiting: zstd::Encoder<'static, AtomicFile>,
     histogram: Histogram,
     /// The last frame: colours, then, where there is opacity, whether each pixel is seen.
@@ -45,7 +46,7 @@ impl GifWriter {
     /// When the place cannot be written to.
     pub fn create(path: &Path, options: SinkOptions) -> Result<Self> {
         let out = AtomicFile::create(path)?;
-        let waiting = AtomicFile::create(&path.with_extension("frames"))?;
+        let waiting = AtomicFile::create(path)?;
         let waiting = zstd::Encoder::new(waiting, 1).map_err(|e| Error::io(path, "write", e))?;
         let last = vec![0; options.width * options.height * if options.alpha { 4 } else { 3 }];
         Ok(Self { out, waiting, histogram: Histogram::new(), last, options, frames: 0 })

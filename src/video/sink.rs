@@ -98,7 +98,8 @@ enum Target {
 pub const SUPPORTED: &str =
     ".mp4, .gif, .webp, .apng (or .png), .y4m, a folder for PNG frames, or - for Y4M on standard output";
 /// What holds opacity, for messages.
-const WITH_ALPHA: &str = "a folder for PNG frames, .webp, .apng, or .gif (opaque or not, nothing between)";
+const WITH_ALPHA: &str =
+    "a name without extension, for a folder of PNG frames; .webp; .apng; .gif, opaque or not and nothing between";
 
 impl Target {
     fn of(path: &Path) -> Result<Self> {
@@ -150,9 +151,9 @@ pub fn create_part(path: &Path, part: Option<usize>, options: SinkOptions) -> Re
     check_size(path, options)?;
     let target = Target::of(path)?;
     if options.alpha && !target.holds_alpha() {
-        return Err(Error::file(Kind::Usage, path, "this format holds no opacity")
+        return Err(Error::file(Kind::Usage, path, "this format carries no opacity")
             .allowed(WITH_ALPHA)
-            .remedy("give another name, or do not ask for opacity"));
+            .remedy("give such a name, or leave out --alpha (output.alpha)"));
     }
     Ok(match target {
         Target::Stdout => Box::new(Y4mWriter::to_stdout(options)?),
@@ -163,6 +164,11 @@ pub fn create_part(path: &Path, part: Option<usize>, options: SinkOptions) -> Re
         Target::Apng => Box::new(ApngWriter::create(path, options, Apng::default())?),
         Target::Folder => Box::new(PngFolder::create(path, part, options)?),
     })
+}
+
+/// Whether [`create`] would make `path` a folder of PNG frames.
+pub fn is_folder(path: &Path) -> bool {
+    Target::of(path).is_ok_and(|target| target == Target::Folder)
 }
 
 /// Checks, before long work, that [`create`] will know the format of `path` and be able to write there.
