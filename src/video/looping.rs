@@ -156,6 +156,11 @@ impl LoopPlan {
         self.length
     }
 
+    /// Frames of a cross-fade.
+    pub fn fade(&self) -> usize {
+        self.fade
+    }
+
     /// Source frame that every segment starts from.
     pub fn start(&self) -> usize {
         self.start
@@ -360,7 +365,7 @@ mod tests {
         let plan = plan_loop(&Distances::between(&frames), 60, 11).unwrap();
         let contrast = |plane: &Plane| rms(plane, &mean);
         let plain = contrast(&render(&frames, &mean, &plan, 30));
-        for t in 0..plan.fade {
+        for t in 0..plan.fade() {
             let faded = contrast(&render(&frames, &mean, &plan, t));
             assert!((faded / plain - 1.0).abs() < 0.04, "{t}: {faded} against {plain}");
         }
@@ -370,7 +375,7 @@ mod tests {
     fn quick_fluids_get_short_fades() {
         let fade = |step: f64| {
             let frames = moving_texture(120, step, 100_003);
-            plan_loop(&Distances::between(&frames), 60, 20).unwrap().fade
+            plan_loop(&Distances::between(&frames), 60, 20).unwrap().fade()
         };
         assert_eq!(fade(0.2), 20);
         assert!(fade(1.0) < 15 && fade(1.0) > fade(4.0), "{} {}", fade(1.0), fade(4.0));
@@ -402,7 +407,7 @@ mod tests {
                     assert!(now.a.frame < frames && now.b.is_none_or(|b| b.frame < frames));
                     // What is shown goes on: the next frame of this one is in the next blend, nothing is repeated.
                     let follows = |part: Option<Part>| part.is_some_and(|p| p.frame == now.a.frame + 1);
-                    assert!(plan.fade == 0 || follows(Some(next.a)) || follows(next.b), "{frames} {length} {t}");
+                    assert!(plan.fade() == 0 || follows(Some(next.a)) || follows(next.b), "{frames} {length} {t}");
                 }
             }
         }
