@@ -175,20 +175,21 @@ fn describe_all(
 }
 
 fn describe(tile: &Tile, scale: &Scale) -> Described {
-    let cell = |cell: &crate::library::grid::Cell| {
-        let mut out = [0.0; TERMS];
-        if normalizers::counts(cell) {
-            let features = normalizers::features(cell);
-            for (i, (value, factor)) in features.iter().zip(&scale.factors).enumerate() {
-                let centre = if DC.contains(&i) { 0.0 } else { TYPICAL_LOG };
-                out[i] = factor * (value - centre);
-            }
-            out[FEATURES] = out[..FEATURES].iter().map(|v| v * v).sum();
-            out[FEATURES + 1] = 1.0;
+    let mut cells = vec![[0.0; TERMS]; tile.cells.len()];
+    normalizers::features_of(&tile.cells, &mut cells);
+    for (out, cell) in cells.iter_mut().zip(&tile.cells) {
+        if !normalizers::counts(cell) {
+            *out = [0.0; TERMS];
+            continue;
         }
-        out
-    };
-    Described { cells: tile.cells.iter().map(cell).collect() }
+        for (i, (value, factor)) in out.iter_mut().zip(&scale.factors).enumerate() {
+            let centre = if DC.contains(&i) { 0.0 } else { TYPICAL_LOG };
+            *value = factor * (*value - centre);
+        }
+        out[FEATURES] = out[..FEATURES].iter().map(|v| v * v).sum();
+        out[FEATURES + 1] = 1.0;
+    }
+    Described { cells }
 }
 
 /// Costs of all pairs of one edge.

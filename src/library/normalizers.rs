@@ -1,5 +1,7 @@
 //! Scales of the three distances of the smoothness term.
 
+use half::slice::HalfFloatSliceExt;
+use multiversion::multiversion;
 use serde::{Deserialize, Serialize};
 
 use super::grid::{BANDS, Cell, TEXTURE_LEVELS};
@@ -95,6 +97,21 @@ pub fn features(cell: &Cell) -> [f32; FEATURES] {
     out
 }
 
+/// Per cell its [`features`], its activity and its share of pixels that move.
+pub fn features_of(cells: &[Cell], out: &mut [[f32; FEATURES + 2]]) {
+    // A cell's numbers lie in this order.
+    bytemuck::cast_slice::<Cell, half::f16>(cells).convert_to_f32_slice(out.as_flattened_mut());
+    take_logarithms(out);
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn take_logarithms(rows: &mut [[f32; FEATURES + 2]]) {
+    for row in rows {
+        row[AC].iter_mut().for_each(|v| *v = log2(v.max(0.0) + POWER_FLOOR));
+        row[TEXTURE].iter_mut().for_each(|v| *v = log2(v.max(0.0) + TEXTURE_FLOOR));
+    }
+}
+
 /// Whether a cell counts in the distances: most of its pixels move significantly.
 pub fn counts(cell: &Cell) -> bool {
     cell.significant.to_f32() >= MOVING
@@ -102,6 +119,7 @@ pub fn counts(cell: &Cell) -> bool {
 
 /// log₂ of a positive normal number to about 1e-4, by plain sums and products: the library's own may differ in the last
 /// bit between machines, and the result is stored.
+#[inline(always)]
 fn log2(v: f32) -> f32 {
     let bits = v.to_bits();
     let exponent = (bits >> 23) as i32 - 127;

@@ -3,6 +3,8 @@
 //! The kernel is even so that a coarse pixel lies exactly over two fine ones: position `p` of a level is `p / 2` of
 //! the next, flips are exact, and grids that are multiples of a power of two stay on pixels.
 
+use multiversion::multiversion;
+
 use super::image::Plane;
 
 /// The next coarser level: half the size, rounded up, borders clamped.
@@ -12,18 +14,24 @@ pub fn reduce(plane: &Plane) -> Plane {
     let mut row = vec![0.0; plane.width + 3];
     for y in 0..height {
         let at = |dy: isize| plane.row((2 * y as isize + dy).clamp(0, plane.height as isize - 1) as usize);
-        let (a, b, c, d) = (at(-1), at(0), at(1), at(2));
-        for (x, r) in row[1..=plane.width].iter_mut().enumerate() {
-            *r = (a[x] + d[x]) + 3.0 * (b[x] + c[x]);
-        }
-        row[0] = row[1];
-        row[plane.width + 1] = row[plane.width];
-        row[plane.width + 2] = row[plane.width];
-        for (o, r) in out.row_mut(y).iter_mut().zip(row.windows(4).step_by(2)) {
-            *o = ((r[0] + r[3]) + 3.0 * (r[1] + r[2])) * (1.0 / 64.0);
-        }
+        reduce_row([at(-1), at(0), at(1), at(2)], &mut row, out.row_mut(y));
     }
     out
+}
+
+/// One row of the coarser level from four of the finer; `row` has room for three more than those.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn reduce_row([a, b, c, d]: [&[f32]; 4], row: &mut [f32], out: &mut [f32]) {
+    let width = a.len();
+    for ((((r, a), b), c), d) in row[1..=width].iter_mut().zip(a).zip(b).zip(c).zip(d) {
+        *r = (a + d) + 3.0 * (b + c);
+    }
+    row[0] = row[1];
+    row[width + 1] = row[width];
+    row[width + 2] = row[width];
+    for ((o, p), q) in out.iter_mut().zip(row.chunks_exact(2)).zip(row[2..].chunks_exact(2)) {
+        *o = ((p[0] + q[1]) + 3.0 * (p[1] + q[0])) * (1.0 / 64.0);
+    }
 }
 
 /// A level as the next finer one, of `width` × `height` pixels, sees it.
@@ -34,19 +42,29 @@ pub fn expand(plane: &Plane, width: usize, height: usize) -> Plane {
         let near = plane.row((y / 2).min(plane.height - 1));
         let other = y as isize / 2 + if y % 2 == 0 { -1 } else { 1 };
         let other = plane.row(other.clamp(0, plane.height as isize - 1) as usize);
-        for (r, (n, o)) in row[1..=plane.width].iter_mut().zip(near.iter().zip(other)) {
-            *r = 0.75 * n + 0.25 * o;
-        }
-        row[0] = row[1];
-        row[plane.width + 1] = row[plane.width];
-        for (pair, r) in out.row_mut(y).chunks_mut(2).zip(row.windows(3)) {
-            pair[0] = 0.75 * r[1] + 0.25 * r[0];
-            if let Some(second) = pair.get_mut(1) {
-                *second = 0.75 * r[1] + 0.25 * r[2];
-            }
-        }
+        expand_row(near, other, &mut row, out.row_mut(y));
     }
     out
+}
+
+/// One row of the finer level from the nearest and the next one; `row` has room for two more than those.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn expand_row(near: &[f32], other: &[f32], row: &mut [f32], out: &mut [f32]) {
+    let width = near.len();
+    for ((r, n), o) in row[1..=width].iter_mut().zip(near).zip(other) {
+        *r = 0.75 * n + 0.25 * o;
+    }
+    row[0] = row[1];
+    row[width + 1] = row[width];
+    let half = out.len() / 2;
+    let mut pairs = out.chunks_exact_mut(2);
+    for (((pair, left), r), right) in pairs.by_ref().zip(&row[..]).zip(&row[1..]).zip(&row[2..]) {
+        pair[0] = 0.75 * r + 0.25 * left;
+        pair[1] = 0.75 * r + 0.25 * right;
+    }
+    if let [last] = pairs.into_remainder() {
+        *last = 0.75 * row[half + 1] + 0.25 * row[half];
+    }
 }
 
 /// `bands` band-pass levels, fine to coarse, and the low-pass rest below them.

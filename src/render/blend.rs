@@ -61,7 +61,7 @@ impl Blender {
             for (patch, gain) in patches.iter_mut().zip(gains) {
                 patch.weights.iter_mut().for_each(|w| *w *= gain[band]);
             }
-            patches
+            joined(&patches, &groups)
         });
         Self { canvas: layout.canvas, levels, patches }
     }
@@ -186,6 +186,64 @@ fn normalise(patches: &mut [Patch], groups: &[usize], (width, height): (usize, u
         for (row, weights) in rows.iter().zip(patch.weights.chunks_exact_mut(patch.window.width.max(1))) {
             weights.iter_mut().zip(row.of(&mut scale)).for_each(|(w, s)| *w *= *s);
         }
+    }
+}
+
+/// One patch for all that overlap and show the same continuous footage, so that it is read once.
+fn joined(patches: &[Patch], groups: &[usize]) -> Vec<Patch> {
+    let mut order: Vec<usize> = (0..patches.len()).collect();
+    order.sort_by_key(|&i| groups[i]);
+    let mut out = Vec::new();
+    for members in order.chunk_by(|&a, &b| groups[a] == groups[b]) {
+        let mut parts: Vec<(Area, Vec<usize>)> = Vec::new();
+        for &i in members {
+            let mut part = (Area::of(&patches[i].window), vec![i]);
+            while let Some(k) = parts.iter().position(|p| p.0.overlaps(&part.0)) {
+                let (area, others) = parts.swap_remove(k);
+                part.0 = part.0.with(&area);
+                part.1.extend(others);
+            }
+            parts.push(part);
+        }
+        out.extend(parts.iter().map(|(area, members)| join(patches, area, members)));
+    }
+    out
+}
+
+/// The sum of some patches of one footage over an area that holds them.
+fn join(patches: &[Patch], area: &Area, members: &[usize]) -> Patch {
+    let first = &patches[members[0]];
+    let window = first.window.moved_to(area.x, area.y);
+    let mut weights = Plane::zeros(window.width, window.height);
+    for &i in members {
+        for (row, values) in patches[i].rows() {
+            let sums = &mut weights.row_mut(row.y - area.y.0)[row.x - area.x.0..][..row.width];
+            sums.iter_mut().zip(values).for_each(|(s, w)| *s += w);
+        }
+    }
+    Patch { level: first.level, window, weights: weights.data }
+}
+
+/// A rectangle of the canvas.
+struct Area {
+    x: (usize, usize),
+    y: (usize, usize),
+}
+
+impl Area {
+    fn of(window: &Window) -> Self {
+        Self { x: (window.x, window.x + window.width), y: (window.y, window.y + window.height) }
+    }
+
+    fn overlaps(&self, other: &Self) -> bool {
+        let overlap = |a: (usize, usize), b: (usize, usize)| a.0 < b.1 && b.0 < a.1;
+        overlap(self.x, other.x) && overlap(self.y, other.y)
+    }
+
+    /// The smallest rectangle that holds both.
+    fn with(&self, other: &Self) -> Self {
+        let both = |a: (usize, usize), b: (usize, usize)| (a.0.min(b.0), a.1.max(b.1));
+        Self { x: both(self.x, other.x), y: both(self.y, other.y) }
     }
 }
 

@@ -53,6 +53,14 @@ impl Window {
         Self { x: x.0, y: y.0, width: x.1 - x.0, height: y.1 - y.0, map }
     }
 
+    /// The same footage over the window `x0..x1`, `y0..y1`, which may reach beyond this one.
+    pub fn moved_to(&self, x: (usize, usize), y: (usize, usize)) -> Self {
+        let Map { origin, right, down } = self.map;
+        let (i, j) = (x.0 as f32 - self.x as f32, y.0 as f32 - self.y as f32);
+        let origin = (origin.0 + i * right.0 + j * down.0, origin.1 + i * right.1 + j * down.1);
+        Self { x: x.0, y: y.0, width: x.1 - x.0, height: y.1 - y.0, map: Map { origin, right, down } }
+    }
+
     /// Position of pixel `(i, j)` of the window on the level's band, centres at ½.
     pub fn position(&self, i: usize, j: usize) -> (f32, f32) {
         self.map.at(i, j)
