@@ -3,7 +3,9 @@
 //! For every clip: a scene as `enliven-db scenes` makes it, animated with the method's defaults through the functions that
 //! `enliven animate` calls; then distances to the clip's own later frames. `floor` is another part of the clip against
 //! them, `frozen` the picture held still, `wrong` a library of another fluid, `random` a random candidate at every node.
-//! A score is (distance − floor) / (frozen − floor): 0 moves like the clip itself, 1 no better than a still.
+//! A score is (distance − floor) / (frozen − floor): 0 moves like the clip itself, 1 no better than a still. `shape` is
+//! the dynamics distance with both sides brought to one deviation over time; `strength` that deviation over the clip's,
+//! band by band of a Laplacian pyramid, fine to coarse.
 //!
 //!     ENLIVEN_DATA=… cargo run --release --example leave_one_out -- --water W.pack --fire F.pack --smoke S.pack
 //!         [--only NAME,…] [--frames N] [--set database.KEY=VALUE]… [--sweep database.KEY=V1,V2,…]…
@@ -22,6 +24,8 @@ use enliven::library::reader::Pack;
 use enliven::measure::{Footage, Recorder, Subject, value};
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::picture_io::{write_grey_png, write_png};
+use enliven::raster::pyramid::{laplacian, reduce};
+use enliven::render::layout::BANDS;
 use enliven::scene::file::{SceneFile, set};
 use enliven::scene::left_out::LeftOut;
 use enliven::scene::scene::Scene;
@@ -105,6 +109,8 @@ struct Known {
     scene: SceneFile,
     matte: Plane,
     target: Footage,
+    /// The clip's own deviation over time, per band.
+    deviations: [f32; BANDS],
     floor: Distances,
     frozen: Distances,
 }
@@ -114,11 +120,14 @@ struct Known {
 struct Distances {
     dynamics: f64,
     spectrum: f64,
+    shape: f64,
 }
 
 /// What came of an animation.
 struct Animated {
     distances: Distances,
+    /// Deviation over time, over the clip's, per band.
+    strength: [f32; BANDS],
     largest_share: f64,
     clips: usize,
     seconds: f64,
@@ -127,7 +136,29 @@ struct Animated {
 fn distances(footage: &Footage, target: &Footage) -> Distances {
     let subject = Subject { reference: Some(target), ..Subject::new(footage) };
     let of = |name| value(name, &subject).unwrap_or(f64::NAN);
-    Distances { dynamics: of("dynamics distance"), spectrum: of("temporal spectrum distance") }
+    Distances {
+        dynamics: of("dynamics distance"),
+        spectrum: of("temporal spectrum distance"),
+        shape: of("dynamics shape distance"),
+    }
+}
+
+/// Deviation over time of each band inside the matte, from every fourth frame.
+fn deviations(footage: &Footage, matte: &Plane) -> [f32; BANDS] {
+    let frames = || footage.frames().iter().step_by(4).map(|frame| laplacian(&frame.luma(), BANDS).0);
+    let mattes: Vec<Plane> = std::iter::successors(Some(matte.clone()), |m| Some(reduce(m))).take(BANDS).collect();
+    let count = frames().count() as f32;
+    std::array::from_fn(|b| {
+        let (mut sum, mut squares) = (Plane::zeros(mattes[b].width, mattes[b].height), 0.0);
+        for band in frames().map(|mut bands| bands.swap_remove(b)) {
+            for ((s, v), inside) in sum.data.iter_mut().zip(&band.data).zip(&mattes[b].data) {
+                *s += v / count;
+                squares += inside * v * v / count;
+            }
+        }
+        let still: f32 = sum.data.iter().zip(&mattes[b].data).map(|(m, inside)| inside * m * m).sum();
+        ((squares - still).max(0.0) / mattes[b].data.iter().sum::<f32>()).sqrt()
+    })
 }
 
 impl Known {
@@ -163,7 +194,8 @@ impl Known {
         let (target, other) = (part(left.reference.start)?, part(left.reference.start + half)?);
         let still = Footage::new(vec![left.picture.clone(); half], 25.0, false, Some(&left.matte))?;
         let (floor, frozen) = (distances(&other, &target), distances(&still, &target));
-        Ok(Self { name, fluid, scene, matte: left.matte, target, floor, frozen })
+        let deviations = deviations(&target, &left.matte);
+        Ok(Self { name, fluid, scene, matte: left.matte, target, deviations, floor, frozen })
     }
 
     fn run(&self, scene: &SceneFile, keep: Option<&Path>) -> Result<Animated> {
@@ -180,7 +212,9 @@ impl Known {
         }
         let clips = outcome.record.assignment.map(|a| a.clips).unwrap_or_default();
         let distances = distances(&footage, &self.target);
-        Ok(Animated { distances, largest_share: clips.first().map_or(0.0, |c| c.share), clips: clips.len(), seconds })
+        let made = deviations(&footage, &self.matte);
+        let strength = std::array::from_fn(|b| made[b] / self.deviations[b].max(1e-6));
+        Ok(Animated { distances, strength, largest_share: clips.first().map_or(0.0, |c| c.share), clips: clips.len(), seconds })
     }
 
     /// The distances of a random candidate at every node.
@@ -203,9 +237,9 @@ impl Known {
 }
 
 fn table(known: &[Known], arguments: &Arguments) -> Result<()> {
-    println!("dynamics distance × 1000 | temporal spectrum distance, dB");
+    println!("dynamics distance × 1000 | temporal spectrum distance, dB | dynamics shape distance");
     println!(
-        "{:18} {:>6} {:>6} {:>6} {:>6} {:>6}  {:>6} | {:>6} {:>6} {:>6} {:>6} {:>6}  {:>6} | {:>7} {:>5} {:>6}",
+        "{:18} {:>6} {:>6} {:>6} {:>6} {:>6}  {:>6} | {:>6} {:>6} {:>6} {:>6} {:>6}  {:>6} | {:>5} {:>5} {:>5} {:>5} | {:>7} {:>5} {:>6} | strength",
         "clip",
         "ours",
         "floor",
@@ -219,6 +253,10 @@ fn table(known: &[Known], arguments: &Arguments) -> Result<()> {
         "wrong",
         "random",
         "score",
+        "shape",
+        "floor",
+        "wrong",
+        "rand.",
         "largest",
         "clips",
         "s"
@@ -232,7 +270,7 @@ fn table(known: &[Known], arguments: &Arguments) -> Result<()> {
         let [dynamics, spectrum] = clip.scores(ours.distances);
         let milli = |d: Distances| 1000.0 * d.dynamics;
         println!(
-            "{:18} {:6.1} {:6.1} {:6.1} {:6.1} {:6.1}  {dynamics:6.2} | {:6.2} {:6.2} {:6.2} {:6.2} {:6.2}  {spectrum:6.2} | {:6.0}% {:5} {:6.1}",
+            "{:18} {:6.1} {:6.1} {:6.1} {:6.1} {:6.1}  {dynamics:6.2} | {:6.2} {:6.2} {:6.2} {:6.2} {:6.2}  {spectrum:6.2} | {:5.2} {:5.2} {:5.2} {:5.2} | {:6.0}% {:5} {:6.1} | {:.2?}",
             clip.name,
             milli(ours.distances),
             milli(clip.floor),
@@ -244,9 +282,14 @@ fn table(known: &[Known], arguments: &Arguments) -> Result<()> {
             clip.frozen.spectrum,
             wrong.distances.spectrum,
             random.spectrum,
+            ours.distances.shape,
+            clip.floor.shape,
+            wrong.distances.shape,
+            random.shape,
             100.0 * ours.largest_share,
             ours.clips,
-            ours.seconds
+            ours.seconds,
+            ours.strength
         );
     }
     Ok(())

@@ -7,7 +7,7 @@ use enliven::raster::image::{Color, Plane, Rgb8};
 use enliven::raster::pyramid::{collapse, laplacian};
 use enliven::render::blend::{Bands, Blender, bands};
 use enliven::render::composite::{Compositor, colour_of_luma};
-use enliven::render::contrast::{Strength, Variance, match_contrast};
+use enliven::render::contrast::{Contrast, Strength, match_contrast};
 use enliven::render::layers::Layers;
 use enliven::render::layout::{BANDS, Layout, PlacedCell, Placement};
 use enliven::render::recover::{AssignedMotion, Recovery, assigned_motion, make_room, recover};
@@ -93,12 +93,12 @@ fn still_places_of_a_piece_give_way_to_its_neighbours() {
 fn gains_match_the_picture_and_are_bounded() {
     let layout = layout(1, |_, _| (0, (40, 40), UPRIGHT));
     let clip = noise(1, 320, 240);
-    let mut variance = Variance::default();
-    variance.add(&bands(&clip));
+    let mut contrast = Contrast::default();
+    contrast.add(&bands(&clip), &bands(&Plane::zeros(320, 240)));
     let matte = Plane::filled(240, 192, 1.0);
     let strength = Strength { strength: 1.0, max_gain: 3.0, coarse: 0.5 };
     let at = |scale: f32| {
-        match_contrast(&layout, &[&variance], &noise(9, 240, 192).map(|v| 0.5 + scale * v), &matte, &strength).gains
+        match_contrast(&layout, &[&contrast], &noise(9, 240, 192).map(|v| 0.5 + scale * v), &matte, &strength).gains
     };
     let equal = at(1.0)[10];
     assert!((equal[0] - 1.0).abs() < 0.15 && (equal[3] - 0.5).abs() < 0.25, "{equal:?}");

@@ -66,6 +66,7 @@ pub struct Measure {
 pub const ALL: &[Measure] = &[
     patches::PATCH_DISTANCE,
     patches::DYNAMICS_DISTANCE,
+    patches::DYNAMICS_SHAPE,
     spectrum::TEMPORAL_SPECTRUM_DISTANCE,
     colour::COLOUR_DISTANCE,
     sharpness::SHARPNESS_RETENTION,

@@ -38,6 +38,30 @@ pub const DYNAMICS_DISTANCE: Measure = Measure {
     },
 };
 
+/// The form of the motion, whatever its strength.
+pub const DYNAMICS_SHAPE: Measure = Measure {
+    name: "dynamics shape distance",
+    unit: "deviations",
+    definition: "the dynamics distance with the deviation over time of both sides brought to 1: the form of the motion, not its strength",
+    needs: "reference",
+    better: Better::Lower,
+    compute: |subject| {
+        let (a, b) = (subject.footage, subject.reference?);
+        Some(distance(&scaled(dynamics(a, subject.seed)?)?, &scaled(dynamics(b, subject.seed)?)?, subject.seed))
+    },
+};
+
+/// Deviation of points about 0 below which there is no motion to compare.
+const STILL: f64 = 5e-4;
+
+/// Points with a root mean square of 1; `None` when nothing moves.
+fn scaled(mut points: Points) -> Option<Points> {
+    let power: f64 = points.values.iter().map(|v| f64::from(v * v)).sum();
+    let deviation = (power / points.values.len() as f64).sqrt();
+    points.values.iter_mut().for_each(|v| *v /= deviation as f32);
+    (deviation > STILL).then_some(points)
+}
+
 /// Top left corners of the patches that lie wholly inside; `None` when there are too few.
 fn places(footage: &Footage) -> Option<Vec<usize>> {
     let (width, height) = (footage.width(), footage.height());

@@ -1,8 +1,9 @@
 //! How strong the differences of each piece should be, band by band.
 //!
-//! A fluid's picture and its temporal differences are related: what makes a frame differ from the average is the very
-//! texture the frame shows. So the standard deviation over time of a band is matched to the spatial contrast of the
-//! same band of the picture, within bounds, since a gain also lifts the clip's noise (Okabe et al. 2011, Fig. 13).
+//! A still tells how strong each band of its fluid is, but not how much of that moves: in a flame all of it, down to
+//! the largest shapes, in a waterfall the fine detail but not the light and shade. The clip tells the rest. So each band
+//! of the piece's frames, moving and still together, is brought to the contrast of the same band of the picture, and the
+//! differences by the same factor. It is bounded, since it also lifts the clip's noise (Okabe et al. 2011, Fig. 13).
 
 use super::blend::Bands;
 use super::layout::{BANDS, Layout, LevelKey, Placement};
@@ -10,7 +11,7 @@ use super::sample::Window;
 use crate::base::par;
 use crate::library::variant::PIECE;
 use crate::raster::image::Plane;
-use crate::raster::pyramid::laplacian;
+use crate::raster::pyramid::{laplacian, reduce};
 
 /// Smallest contrast that is measured, in [0, 1]: about the rounding noise of 8-bit footage.
 const NOISE: f32 = 0.002;
@@ -29,35 +30,46 @@ pub struct Strength {
     pub coarse: f32,
 }
 
-/// Temporal variance of each band at one level: mean square of the differences' bands over some frames.
+/// Contrast of each band of a clip at one level, in mean squares over some frames.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Variance {
-    planes: Vec<Plane>,
+pub struct Contrast {
+    /// Of the frames' differences from their average: what moves.
+    moving: Vec<Plane>,
+    /// Of the frames themselves: what is seen.
+    seen: Vec<Plane>,
     frames: usize,
 }
 
-impl Variance {
-    /// Counts one frame's bands in.
-    pub fn add(&mut self, bands: &Bands) {
-        if self.planes.is_empty() {
-            self.planes = bands.iter().map(|b| Plane::zeros(b.width, b.height)).collect();
-        }
-        for (sum, band) in self.planes.iter_mut().zip(bands) {
-            sum.data.iter_mut().zip(&band.data).for_each(|(s, b)| *s += b * b);
+impl Contrast {
+    /// Counts one frame in: the bands of its difference from the average, and those of the average.
+    pub fn add(&mut self, differences: &Bands, average: &Bands) {
+        for (sums, still) in [(&mut self.moving, None), (&mut self.seen, Some(average))] {
+            if sums.is_empty() {
+                *sums = differences.iter().map(|b| Plane::zeros(b.width, b.height)).collect();
+            }
+            for (k, (sum, band)) in sums.iter_mut().zip(differences).enumerate() {
+                match still {
+                    None => sum.data.iter_mut().zip(&band.data).for_each(|(s, d)| *s += d * d),
+                    Some(average) => {
+                        let values = band.data.iter().zip(&average[k].data);
+                        sum.data.iter_mut().zip(values).for_each(|(s, (d, a))| *s += (d + a) * (d + a));
+                    }
+                }
+            }
         }
         self.frames += 1;
     }
 
-    /// Mean over a placed piece, weighted by where it moves.
-    fn over(&self, layout: &Layout, placement: &Placement, band: usize) -> f32 {
-        let Some(plane) = self.planes.get(band) else { return 0.0 };
+    /// Root mean squares over a placed piece, weighted by where it moves.
+    fn over(&self, sums: &[Plane], layout: &Layout, placement: &Placement, band: usize) -> f32 {
+        let Some(plane) = sums.get(band) else { return 0.0 };
         let (window, weights) =
             piece_window(layout, placement, band, |x, y| placement.cell_value(x, y, |c| c.significant).max(0.01));
         // Read like the differences themselves, onto a canvas of the piece's own.
         let mut canvas = Plane::zeros(window.x + window.width, window.y + window.height);
         window.accumulate(plane, &weights, &mut canvas);
         let total: f32 = weights.iter().sum();
-        (canvas.data.iter().sum::<f32>() / total.max(1e-6) / self.frames.max(1) as f32).max(0.0)
+        (canvas.data.iter().sum::<f32>() / total.max(1e-6) / self.frames.max(1) as f32).max(0.0).sqrt()
     }
 }
 
@@ -70,45 +82,37 @@ pub struct Match {
     pub shares: Vec<[f32; BANDS]>,
 }
 
-/// Matches the differences to the picture. `variance` holds the levels of [`Layout::levels`]; `luma` and `matte` are
+/// Matches the differences to the picture. `contrast` holds the levels of [`Layout::levels`]; `luma` and `matte` are
 /// the picture's, at working size.
 pub fn match_contrast(
     layout: &Layout,
-    variance: &[&Variance],
+    contrast: &[&Contrast],
     luma: &Plane,
     matte: &Plane,
     strength: &Strength,
 ) -> Match {
+    let mattes: Vec<Plane> = std::iter::successors(Some(matte.clone()), |m| Some(reduce(m))).take(BANDS).collect();
     let picture: Vec<Plane> = laplacian(luma, BANDS).0.iter().map(|b| b.map(|v| v * v)).collect();
     let levels: Vec<LevelKey> = layout.levels();
     let matched = par::map(layout.placements.len(), |i| {
         let placement = &layout.placements[i];
         let level = levels.binary_search(&placement.level()).expect("a placement's level is used");
-        let wanted: [f32; BANDS] = std::array::from_fn(|band| picture_contrast(&picture[band], matte, placement, band));
-        let found: [f32; BANDS] = std::array::from_fn(|band| variance[level].over(layout, placement, band).sqrt());
-        let gains = gains(&wanted, &found, strength);
         std::array::from_fn(|band| {
-            let gain = gains[band];
-            (gain, (gain * found[band] / wanted[band].max(NOISE)).min(1.0).powi(2))
+            let wanted = picture_contrast(&picture[band], &mattes[band], placement, band).max(NOISE);
+            let of = |sums: &[Plane]| contrast[level].over(sums, layout, placement, band);
+            let (seen, moving) = (of(&contrast[level].seen), of(&contrast[level].moving));
+            let gain = gain(band, wanted / seen.max(NOISE), strength);
+            (gain, (gain * moving / wanted).min(1.0).powi(2))
         })
     });
     let part = |of: fn((f32, f32)) -> f32| matched.iter().map(|bands: &[(f32, f32); BANDS]| bands.map(of)).collect();
     Match { gains: part(|m| m.0), shares: part(|m| m.1) }
 }
 
-/// Factors that bring the contrasts `found` to those that are `wanted`. The coarse bands are lifted no more than the
-/// fine ones, and not above what the clip has: a waterfall's picture is bright here and dark there, but that is light and shade, which stand still, and
-/// a piece's own swell made as strong would be dark blobs. Flames have their own strong coarse bands.
-fn gains(wanted: &[f32; BANDS], found: &[f32; BANDS], strength: &Strength) -> [f32; BANDS] {
-    let matched = |band: usize| {
-        let ratio = strength.strength * wanted[band] / found[band].max(NOISE);
-        ratio.clamp(1.0 / strength.max_gain, strength.max_gain)
-    };
-    let fine = ((0..FINE).map(|band| matched(band).ln()).sum::<f32>() / FINE as f32).exp();
-    std::array::from_fn(|band| match band {
-        fine_band if fine_band < FINE => matched(fine_band),
-        band => strength.coarse * matched(band).min(fine).min(1.0),
-    })
+/// Factor of a band whose contrast in the picture is `ratio` times that in the clip.
+fn gain(band: usize, ratio: f32, strength: &Strength) -> f32 {
+    let bounded = (strength.strength * ratio).clamp(1.0 / strength.max_gain, strength.max_gain);
+    if band < FINE { bounded } else { strength.coarse * bounded }
 }
 
 /// Root mean square of a band of the picture over a node, where the matte is white.
@@ -118,8 +122,7 @@ fn picture_contrast(squares: &Plane, matte: &Plane, placement: &Placement, band:
     let (mut sum, mut total) = (0.0, 1e-6);
     for y in range(placement.node.1, squares.height) {
         for x in range(placement.node.0, squares.width) {
-            let (mx, my) = ((x * step + step / 2).min(matte.width - 1), (y * step + step / 2).min(matte.height - 1));
-            let weight = matte.at(mx, my);
+            let weight = matte.at(x, y);
             sum += weight * squares.at(x, y);
             total += weight;
         }

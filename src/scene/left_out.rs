@@ -18,6 +18,14 @@ const GAP_SHARE: usize = 8;
 const SPECK: usize = PIECE_CELLS * PIECE_CELLS / 4;
 /// Smoothing of the significance before it is decided, cells.
 const SMOOTHING: f32 = 1.0;
+/// Frames on either side of the picture that tell where the fluid is then: a quarter of a second.
+const NEAR: usize = 6;
+/// Pairs of frames from all over the clip that tell how much a place changes as a rule…
+const PAIRS: usize = 32;
+/// …of which it changes by this share at least where the fluid is: flames and smoke come and go.
+const PRESENT: f32 = 0.5;
+/// Smoothing of both, Gaussian, cells.
+const PRESENCE: f32 = 3.0;
 /// Softness of the matte's edge, Gaussian, pixels.
 const EDGE: f32 = 4.0;
 
@@ -26,7 +34,7 @@ const EDGE: f32 = 4.0;
 pub struct LeftOut {
     /// The sharpest frame of those in the clip's first half that change most, at the library's working size.
     pub picture: Rgb8,
-    /// Where the clip moves significantly, soft, 0 to 1.
+    /// Where the clip moves significantly, and does so about the time of the picture; soft, 0 to 1.
     pub matte: Plane,
     /// Number of the picture's frame.
     pub frame: usize,
@@ -42,18 +50,57 @@ impl LeftOut {
     pub fn of(pack: &Pack, clip: u32, observer: &dyn Observer) -> Result<Self> {
         let grid = pack.grid(clip, 0)?;
         let significant = grid.cells.iter().map(|c| c.significant.to_f32()).collect();
-        let matte = matte(&Plane::from_vec(grid.width, grid.height, significant));
-        if matte.data.iter().all(|&m| m < 0.5) {
+        let significant = Plane::from_vec(grid.width, grid.height, significant);
+        let ever = matte(&significant);
+        if ever.data.iter().all(|&m| m < 0.5) {
             let problem =
                 format!("clip {} has no area of significant motion to animate", pack.clips()[clip as usize].id);
             return Err(Error::new(Kind::Unusable, pack.subject(), problem));
         }
         let count = pack.clips()[clip as usize].frames as usize;
-        let frame = liveliest_and_sharpest(pack, clip, &matte, count / 2, observer)?;
+        let frame = liveliest_and_sharpest(pack, clip, &ever, count / 2, observer)?;
+        let matte = matte(&present(significant, pack, clip, frame, observer)?);
         let picture = pack.frame(clip, frame)?;
         let gap = GAP.min(count / GAP_SHARE);
         Ok(Self { picture, matte, frame, reference: (frame + gap).min(count)..count })
     }
+}
+
+/// `significant` (per cell) where the clip moves about frame `frame` as it does as a rule, else 0.
+fn present(significant: Plane, pack: &Pack, clip: u32, frame: usize, observer: &dyn Observer) -> Result<Plane> {
+    let last = pack.clips()[clip as usize].frames as usize - 1;
+    let near = frame.saturating_sub(NEAR)..(frame + NEAR).min(last);
+    let all = (0..last).step_by(last.div_ceil(PAIRS).max(1));
+    let near = changes(pack, clip, near, &significant, observer)?;
+    let all = changes(pack, clip, all, &significant, observer)?;
+    let mut present = significant;
+    let rates = near.data.iter().zip(&all.data);
+    present.data.iter_mut().zip(rates).filter(|(_, (near, all))| *near < &(PRESENT * *all)).for_each(|(p, _)| *p = 0.0);
+    Ok(present)
+}
+
+/// Mean absolute difference of frame t and the one after it over `times`, about every cell.
+fn changes(
+    pack: &Pack,
+    clip: u32,
+    times: impl ExactSizeIterator<Item = usize>,
+    cells: &Plane,
+    observer: &dyn Observer,
+) -> Result<Plane> {
+    let mut frames = pack.frames(clip)?;
+    let mut sums = Plane::zeros(cells.width, cells.height);
+    let share = 1.0 / (times.len().max(1) * CELL * CELL) as f32;
+    for t in times {
+        observe::check(observer)?;
+        let (before, after) = (frames.luma_at(t)?, frames.luma_at(t + 1)?);
+        for y in 0..cells.height * CELL {
+            let pixels = before.row(y).chunks_exact(CELL).zip(after.row(y).chunks_exact(CELL));
+            for (sum, (b, a)) in sums.data[y / CELL * cells.width..].iter_mut().zip(pixels) {
+                *sum += share * b.iter().zip(a).map(|(b, a)| (a - b).abs()).sum::<f32>();
+            }
+        }
+    }
+    Ok(gaussian(&sums, PRESENCE))
 }
 
 /// Of the frames 1 to `count` of a clip, the sharpest among the half that change most from the frame before: a frame

@@ -53,7 +53,7 @@ declare_options! {
         /// Largest factor on a clip's differences; more lifts its noise.
         max_gain: f32 = 3.0, in 1, 20, "ratio", "Okabe 2011, Fig. 13";
         /// Factor of the coarse bands of the differences, where swell, changing light and large flames live.
-        coarse: f32 = 1.5, in 0, 4, "ratio", "methods §1.6";
+        coarse: f32 = 1.0, in 0, 4, "ratio", "methods §1.6";
         /// Share of the way to the picture's own distribution of detail that frames are brought, place by place.
         appearance: f32 = 0.5, in 0, 1, "ratio", "Heeger & Bergen 1995";
         /// Side of the places.

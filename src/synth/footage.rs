@@ -16,7 +16,7 @@ use crate::raster::image::Plane;
 use crate::raster::pyramid::reduce;
 use crate::raster::resample::resize;
 use crate::render::blend::{Bands, bands};
-use crate::render::contrast::Variance;
+use crate::render::contrast::Contrast;
 use crate::render::layout::BANDS;
 use crate::video::looping::{Blend, Distances, LoopPlan, Part, plan_loop, thumbnail};
 
@@ -48,7 +48,7 @@ pub struct Clip {
     pub plan: LoopPlan,
     /// The frames from the loop's start to its end, where they are kept.
     kept: Option<Vec<Luma>>,
-    variance: Vec<Variance>,
+    contrast: Vec<Contrast>,
     /// Per used scale and jump of the loop: how alike the two frames in the middle of the fade are, band by band.
     alike: Vec<Vec<[f32; BANDS]>>,
     /// Per used scale: how alike neighbouring frames are, band by band.
@@ -83,10 +83,11 @@ impl Clip {
             add_difference(&mut differences.data, 1.0, &lumas[frame], &average.data);
             level_bands(&differences, size, scale)
         };
-        let mut variance = vec![Variance::default(); scales.len()];
+        let stills: Vec<Bands> = scales.iter().map(|&scale| level_bands(&average, size, scale)).collect();
+        let mut contrast = vec![Contrast::default(); scales.len()];
         for t in (0..frames).step_by(SAMPLE_STEP) {
-            for (variance, &scale) in variance.iter_mut().zip(&scales) {
-                variance.add(&of_frame(plan.at(t).a.frame, scale));
+            for ((contrast, still), &scale) in contrast.iter_mut().zip(&stills).zip(&scales) {
+                contrast.add(&of_frame(plan.at(t).a.frame, scale), still);
             }
         }
         let likeness = |&(a, b): &(usize, usize), scale| correlations(&of_frame(a, scale), &of_frame(b, scale));
@@ -101,7 +102,7 @@ impl Clip {
         let neighbours =
             scales.iter().map(|&scale| mean(pairs().map(|pair| likeness(pair, scale)).collect())).collect();
         let kept = keep.then(|| lumas.drain(plan.start()..end(&plan, searched)).collect());
-        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, kept, variance, alike, neighbours })
+        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, kept, contrast, alike, neighbours })
     }
 
     /// A frame of the loop that was kept.
@@ -109,9 +110,9 @@ impl Clip {
         self.kept.as_ref().map(|kept| &kept[frame - self.plan.start()])
     }
 
-    /// How strong its differences are at one of the scales it was studied at.
-    pub fn variance(&self, scale: u8) -> Option<&Variance> {
-        self.scales.iter().position(|&s| s == scale).map(|i| &self.variance[i])
+    /// How strong its bands are at one of the scales it was studied at.
+    pub fn contrast(&self, scale: u8) -> Option<&Contrast> {
+        self.scales.iter().position(|&s| s == scale).map(|i| &self.contrast[i])
     }
 
     /// Factors of the bands that keep the contrast through a cross-fade: fine detail is unlike between two frames whose

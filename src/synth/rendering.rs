@@ -12,7 +12,7 @@ use crate::render::appearance::Matching;
 use crate::render::blend::Blender;
 use crate::render::boundary::Boundary;
 use crate::render::composite::Compositor;
-use crate::render::contrast::{Match, Strength, Variance, match_contrast};
+use crate::render::contrast::{Contrast, Match, Strength, match_contrast};
 use crate::render::drift::Travel;
 use crate::render::layers::Layers;
 use crate::render::layout::LevelKey;
@@ -115,13 +115,13 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &[Clip], apart: Option<Apart>)
 
 fn matched_contrast(options: &Options, placed: &Placed, clips: &[Clip], still: &Still) -> Match {
     let &Options { strength, max_gain, coarse, .. } = options;
-    let variance = |key: &LevelKey| {
+    let contrast = |key: &LevelKey| {
         let clip = &clips[placed.sources[key.source].0];
-        clip.variance(key.scale).expect("a clip is studied at every scale it is used at")
+        clip.contrast(key.scale).expect("a clip is studied at every scale it is used at")
     };
-    let variances: Vec<&Variance> = placed.layout.levels().iter().map(variance).collect();
+    let contrasts: Vec<&Contrast> = placed.layout.levels().iter().map(contrast).collect();
     let strength = Strength { strength, max_gain, coarse };
-    match_contrast(&placed.layout, &variances, &still.working.luma(), &still.working_matte, &strength)
+    match_contrast(&placed.layout, &contrasts, &still.working.luma(), &still.working_matte, &strength)
 }
 
 fn matching(options: &Options) -> Matching {
