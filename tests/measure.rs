@@ -117,6 +117,7 @@ struct Defect {
 const TOLERANCE: &[(&str, f64)] = &[
     ("patch distance", 0.004),
     ("dynamics distance", 0.003),
+    ("dynamics shape distance", 0.08),
     ("temporal spectrum distance", 1.0),
     ("colour distance", 0.3),
     ("sharpness retention", 0.08),
@@ -174,6 +175,7 @@ const DEFECTS: &[Defect] = &[
             ("direction error", 89.0, 91.0),
         ],
         may_move: &[
+            "dynamics shape distance",
             "warp error",
             "loop ratio",
             "largest step ratio",
@@ -207,6 +209,7 @@ const DEFECTS: &[Defect] = &[
         },
         moves: &[
             ("dynamics distance", 0.012, ANY),
+            ("dynamics shape distance", 0.15, ANY),
             ("temporal spectrum distance", 8.0, ANY),
             ("warp error", 0.03, ANY),
         ],
@@ -309,7 +312,7 @@ const DEFECTS: &[Defect] = &[
     Defect {
         name: "reversed flow",
         plant: |frames, _| frames.reverse(),
-        moves: &[("direction error", 175.0, 180.0)],
+        moves: &[("direction error", 175.0, 180.0), ("dynamics shape distance", 0.2, ANY)],
         may_move: &["dynamics distance"],
     },
     Defect {
@@ -324,6 +327,7 @@ const DEFECTS: &[Defect] = &[
         moves: &[("motion share", 0.3, 0.6)],
         may_move: &[
             "dynamics distance",
+            "dynamics shape distance",
             "temporal spectrum distance",
             "warp error",
             "loop ratio",
