@@ -214,7 +214,13 @@ impl Known {
         let distances = distances(&footage, &self.target);
         let made = deviations(&footage, &self.matte);
         let strength = std::array::from_fn(|b| made[b] / self.deviations[b].max(1e-6));
-        Ok(Animated { distances, strength, largest_share: clips.first().map_or(0.0, |c| c.share), clips: clips.len(), seconds })
+        Ok(Animated {
+            distances,
+            strength,
+            largest_share: clips.first().map_or(0.0, |c| c.share),
+            clips: clips.len(),
+            seconds,
+        })
     }
 
     /// The distances of a random candidate at every node.
