@@ -27,7 +27,7 @@ pub struct Settings {
     pub iterations: (usize, usize),
     /// A level is done once a round lowers its energy by less than this share.
     pub tolerance: f64,
-    /// Sweeps of PatchMatch in a round.
+    /// Sweeps of the search in a round.
     pub sweeps: usize,
     /// What of blurred alpha is outline.
     pub thresholds: Thresholds,
@@ -39,9 +39,9 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             rule: Rule::Plain,
-            iterations: (6, 2),
+            iterations: (20, 8),
             tolerance: 0.01,
-            sweeps: 4,
+            sweeps: 2,
             thresholds: Thresholds::default(),
             seed: 1,
         }
@@ -147,6 +147,8 @@ pub(super) struct Level<'a> {
     pub target: Patches,
     /// The modulation in steps.
     pub steps: Option<Vec<u8>>,
+    /// Whether it starts from nothing.
+    pub coarsest: bool,
     /// Seed of this level's random choices.
     pub seed: u64,
 }
@@ -227,6 +229,7 @@ impl Engine {
                 atlas,
                 target: self.patches(&layers[n], merged[n].is_some()),
                 steps: modulation.as_ref().map(|m| m[n].clone()),
+                coarsest: state.is_none(),
                 seed: rng::hash(self.settings.seed, &[n as u64]),
             };
             let mut nnf = match &state {

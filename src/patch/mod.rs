@@ -21,10 +21,13 @@ pub mod atlas;
 pub mod channels;
 mod distance;
 pub mod engine;
+mod exchange;
+mod leftovers;
 pub mod nnf;
-mod patch_match;
+pub mod patch_match;
 pub mod rules;
 pub mod segments;
 #[cfg(test)]
 mod testing;
+mod usage;
 mod vote;

@@ -40,7 +40,7 @@ impl Nnf {
     }
 
     /// Places by chance, within each patch's segment.
-    pub(super) fn random(target: &Patches, source: &Patches, seed: u64) -> Self {
+    pub fn random(target: &Patches, source: &Patches, seed: u64) -> Self {
         Self::from_fn(target, |i, segment| source.any(segment, rng::hash(seed, &[i as u64])).map(Place))
     }
 
@@ -84,6 +84,17 @@ impl Nnf {
                 *cell = other;
             }
         }
+    }
+
+    /// The field carried along a flow: `from(x, y)` is where the patch at a pixel was before, in pixels (centres at ½).
+    pub fn carried(&self, from: impl Fn(usize, usize) -> (f32, f32)) -> Self {
+        let (width, height) = (self.width, self.cells.len() / self.width.max(1));
+        let cell = |i: usize| {
+            let (x, y) = from(i % width, i / width);
+            let inside = x >= 0.0 && y >= 0.0 && x < width as f32 && y < height as f32;
+            if inside { self.cells[y as usize * width + x as usize] } else { Cell::NONE }
+        };
+        Self { width, cells: (0..self.cells.len()).map(cell).collect() }
     }
 
     /// The place at `(x, y)` or, on the border where no patch is centred, at the nearest pixel that has one.

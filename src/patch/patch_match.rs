@@ -17,7 +17,7 @@ const BAND: usize = 16;
 
 /// The modulation, see [`super::channels::Role::Modulated`].
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Steps<'a> {
+pub enum Steps<'a> {
     /// Full everywhere.
     Full,
     /// By the patch that looks for a neighbour.
@@ -26,16 +26,20 @@ pub(super) enum Steps<'a> {
 
 /// A search: for every patch of `from` the nearest one of `to` in the same segment.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Search<'a> {
+pub struct Search<'a> {
+    /// Channels and weights.
     pub layout: &'a Layout,
+    /// Whose patches look for a neighbour.
     pub from: &'a Patches,
+    /// Whose patches are found.
     pub to: &'a Patches,
+    /// The modulation of the target.
     pub steps: Steps<'a>,
 }
 
 /// How one sweep goes.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Sweep {
+pub struct Sweep {
     /// Number of the sweep: odd ones go backwards.
     pub number: usize,
     /// Half the side of the first random window in pixels; 0 only propagates.
@@ -49,7 +53,7 @@ impl<'a> Search<'a> {
         Comparison { layout: self.layout, from: &self.from.stack, to: &self.to.stack }
     }
 
-    fn step(&self, from: usize) -> u8 {
+    pub(super) fn step(&self, from: usize) -> u8 {
         match self.steps {
             Steps::Full => MODULATION,
             Steps::From(steps) => steps[from],
@@ -57,8 +61,19 @@ impl<'a> Search<'a> {
     }
 
     /// The distance of the patch around pixel `from` and the one at `to`.
-    pub fn distance(&self, from: usize, to: Place) -> u32 {
+    pub(super) fn distance(&self, from: usize, to: Place) -> u32 {
         self.comparison().distance(from as u32, to.0, self.step(from))
+    }
+
+    /// That distance if it is below `limit`.
+    pub(super) fn distance_below(&self, from: usize, to: Place, limit: u32) -> Option<u32> {
+        let candidate = Candidate { centre: to.0, base: 0, step: self.step(from) };
+        self.nearest(from, &[candidate], limit).map(|found| found.1)
+    }
+
+    /// The number of the nearest candidate and its distance, if that is below `limit`.
+    pub(super) fn nearest(&self, from: usize, candidates: &[Candidate], limit: u32) -> Option<(usize, u32)> {
+        self.comparison().nearest(from as u32, candidates, limit)
     }
 
     /// Computes all distances anew, for places that were found in another state of the images.
@@ -110,7 +125,7 @@ impl Band<'_> {
 
     /// Takes the nearest candidate if it is nearer than the place held.
     fn offer(&self, cell: &mut Cell, at: usize, candidates: &[Candidate]) {
-        if let Some((n, distance)) = self.search.comparison().nearest(at as u32, candidates, cell.distance) {
+        if let Some((n, distance)) = self.search.nearest(at, candidates, cell.distance) {
             *cell = Cell { place: Place(candidates[n].centre), distance };
         }
     }
@@ -142,22 +157,46 @@ impl Band<'_> {
         }
     }
 
-    /// Places in windows round the best one, each half as large as the one before.
+    /// Places in windows round the best one.
     fn random(&self, best: Place, at: usize, segment: u8, sweep: Sweep, out: &mut Vec<Candidate>) {
         out.clear();
-        let width = self.search.to.stack.width as isize;
-        let mut chance = rng::mix(sweep.seed ^ rng::mix(at as u64));
-        let mut reach = sweep.reach as u64;
-        while reach > 0 {
-            chance = rng::mix(chance);
+        let windows =
+            Windows::new(best, self.search.to.stack.width, sweep.reach, rng::mix(sweep.seed ^ rng::mix(at as u64)));
+        windows.for_each(|place| out.extend(self.candidate(at, place, segment)));
+    }
+}
+
+/// Places by chance in windows round a patch, each half as large as the one before.
+#[derive(Debug)]
+pub(super) struct Windows {
+    centre: isize,
+    width: isize,
+    reach: u64,
+    chance: u64,
+}
+
+impl Windows {
+    /// In an image of `width` pixels; `reach` is half the side of the first window.
+    pub fn new(centre: Place, width: usize, reach: usize, chance: u64) -> Self {
+        Self { centre: centre.0 as isize, width: width as isize, reach: reach as u64, chance }
+    }
+}
+
+impl Iterator for Windows {
+    type Item = isize;
+
+    fn next(&mut self) -> Option<isize> {
+        while self.reach > 0 {
+            self.chance = rng::mix(self.chance);
+            let reach = self.reach;
             let shift = |bits: u64| (((bits & 0xffff_ffff) * (2 * reach + 1)) >> 32) as isize - reach as isize;
-            let (dx, dy) = (shift(chance), shift(chance >> 32));
-            let x = best.0 as isize % width + dx;
-            if (0..width).contains(&x) {
-                out.extend(self.candidate(at, best.0 as isize + dy * width + dx, segment));
+            let (dx, dy) = (shift(self.chance), shift(self.chance >> 32));
+            self.reach /= 2;
+            if (0..self.width).contains(&(self.centre % self.width + dx)) {
+                return Some(self.centre + dy * self.width + dx);
             }
-            reach /= 2;
         }
+        None
     }
 }
 

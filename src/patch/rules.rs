@@ -1,20 +1,30 @@
 //! How the nearest-neighbour field is constrained: the methods that LazyFluids compares in its Figure 2, on one engine.
 
 use super::engine::Level;
+use super::exchange;
 use super::nnf::Nnf;
 use super::patch_match::Sweep;
+use super::usage::{Bounds, Constraint, Usage};
 use crate::base::options::Words;
 use crate::base::rng;
+
+/// Half the first window of random places on levels that start from a coarser one, in pixels.
+const NEAR: usize = 32;
 
 /// A rule for the nearest-neighbour field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Rule {
     /// Every target patch takes its nearest source patch (Kwatra et al. 2005; LazyFluids, Eq. 2).
     Plain,
+    /// No source patch is used more than twice as often as uniform use would (the occurrence map of Kaspar et al. 2015).
+    Occurrence,
+    /// Every source patch of a segment is used K or K + 1 times (LazyFluids, Eq. 5), exactly.
+    Uniform,
 }
 
 impl Words for Rule {
-    const ALL: &'static [(&'static str, Self)] = &[("plain", Self::Plain)];
+    const ALL: &'static [(&'static str, Self)] =
+        &[("plain", Self::Plain), ("occurrence", Self::Occurrence), ("uniform", Self::Uniform)];
 }
 
 /// A rule at work on one level.
@@ -22,17 +32,20 @@ impl Words for Rule {
 pub(super) struct Rules {
     rule: Rule,
     sweeps: usize,
+    usage: Option<Usage>,
 }
 
 impl Rules {
     pub fn new(rule: Rule, sweeps: usize) -> Self {
-        Self { rule, sweeps }
+        Self { rule, sweeps, usage: None }
     }
 
     /// Improves the field for the present state of the target.
     pub fn search(&mut self, level: &Level, nnf: &mut Nnf, round: usize) {
         match self.rule {
             Rule::Plain => self.plain(level, nnf, round),
+            Rule::Occurrence => self.bounded(level, nnf, round, Bounds::occurrence),
+            Rule::Uniform => self.bounded(level, nnf, round, Bounds::uniform),
         }
     }
 
@@ -42,6 +55,18 @@ impl Rules {
         for number in 0..self.sweeps {
             let seed = rng::hash(level.seed, &[round as u64, number as u64]);
             search.sweep(nnf, Sweep { number, reach: level.reach(), seed });
+        }
+    }
+
+    /// Keeps the constraint from the first round on, and lowers the energy within it.
+    fn bounded(&mut self, level: &Level, nnf: &mut Nnf, round: usize, constraint: Constraint) {
+        level.search().evaluate(nnf);
+        // Far places are found on the coarsest level; on the others they hardly ever help.
+        let reach = if level.coarsest { level.reach() } else { NEAR };
+        let usage = self.usage.get_or_insert_with(|| Usage::enforce(level, nnf, constraint));
+        for number in 0..self.sweeps {
+            let seed = rng::hash(level.seed, &[round as u64, number as u64]);
+            exchange::sweep(level, nnf, usage, Sweep { number, reach, seed });
         }
     }
 }

@@ -40,7 +40,7 @@ impl Thresholds {
 }
 
 /// The label of every pixel of an image of `width` × `height` pixels. Without blurred alpha everything is interior.
-pub(super) fn labels(size: (usize, usize), radius: usize, blurred: Option<&Plane>, thresholds: Thresholds) -> Vec<u8> {
+pub fn labels(size: (usize, usize), radius: usize, blurred: Option<&Plane>, thresholds: Thresholds) -> Vec<u8> {
     let (width, height) = size;
     let mut labels = vec![NO_PATCH; width * height];
     for y in radius..height.saturating_sub(radius) {
@@ -62,8 +62,8 @@ pub struct Patches {
 }
 
 impl Patches {
-    /// The patches of `stack` with one label a pixel.
-    pub(super) fn new(stack: Stack, labels: Vec<u8>) -> Self {
+    /// The patches of `stack` with one label a pixel, as [`labels`] gives them.
+    pub fn new(stack: Stack, labels: Vec<u8>) -> Self {
         let centres = SEGMENTS.map(|s| (0..labels.len() as u32).filter(|&i| labels[i as usize] == s).collect());
         Self { stack, labels, centres }
     }
