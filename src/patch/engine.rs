@@ -8,7 +8,7 @@ use super::nnf::{Nnf, usage_picture};
 use super::patch_match::{Search, Steps};
 use super::rules::{Rule, Rules};
 use super::segments::{Patches, Thresholds, labels};
-use super::vote::Vote;
+use super::vote::Manner;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::rng;
@@ -25,6 +25,8 @@ pub struct Settings {
     pub rule: Rule,
     /// Rounds of search and vote on the coarsest and on the finest level; between them in steps.
     pub iterations: (usize, usize),
+    /// How overlapping patches make one pixel, where the rule does not say.
+    pub manner: Manner,
     /// A level is done once a round lowers its energy by less than this share.
     pub tolerance: f64,
     /// Sweeps of the search in a round.
@@ -39,8 +41,9 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             rule: Rule::Plain,
-            iterations: (20, 8),
-            tolerance: 0.01,
+            iterations: (24, 12),
+            manner: Manner::Mean,
+            tolerance: 0.005,
             sweeps: 2,
             thresholds: Thresholds::default(),
             seed: 1,
@@ -157,7 +160,7 @@ impl Level<'_> {
     /// The search from target to source.
     pub fn search(&self) -> Search<'_> {
         let steps = self.steps.as_deref().map_or(Steps::Full, Steps::From);
-        Search { layout: self.layout, from: &self.target, to: &self.atlas.patches, steps }
+        Search { layout: self.layout, from: &self.target, to: &self.atlas.patches, steps, apart: 0 }
     }
 
     /// The larger side of the source in pixels: how far apart two patches may lie.
@@ -219,7 +222,7 @@ impl Engine {
         let count = self.levels(width.min(height)).min(source.levels.len());
         let layers = target.image.pyramid(count);
         let modulation = target.modulation.as_ref().map(|m| modulation_pyramid(m, count));
-        let mut state: Option<(&Atlas, Nnf)> = None;
+        let mut state: Option<(&Atlas, Nnf, Rules)> = None;
         let mut reports = Vec::with_capacity(count);
         let merged: Vec<Option<Atlas>> = (0..count).map(|n| self.merged(&source.levels[n], &layers[n])).collect();
         for n in (0..count).rev() {
@@ -234,32 +237,40 @@ impl Engine {
             };
             let mut nnf = match &state {
                 None => Nnf::random(&level.target, &atlas.patches, level.seed),
-                Some((coarser, nnf)) => nnf.refined(coarser, &level.target, atlas, level.seed),
+                Some((coarser, nnf, _)) => nnf.refined(coarser, &level.target, atlas, level.seed),
             };
+            let mut rules = Rules::new(self.settings.rule, self.settings.sweeps, self.settings.manner);
             if state.is_some() {
-                self.vote(&nnf, atlas).write(&mut level.target.stack);
+                rules.vote(&self.layout, &atlas.patches.stack, &nnf).write(&mut level.target.stack);
             }
             if let Some(previous) = &target.previous {
                 nnf.merge(&level.search(), &previous.coarsened(source.atlas(), n, &level.target, atlas));
             }
             let rounds = self.rounds(n, count);
-            reports.push(self.level(&mut level, &mut nnf, rounds, observer)?);
+            reports.push(self.level(&mut level, &mut nnf, &mut rules, rounds, observer)?);
             show(&level, &nnf, n, observer);
-            state = Some((atlas, nnf));
+            state = Some((atlas, nnf, rules));
         }
-        let (atlas, nnf) = state.ok_or_else(|| Error::new(Kind::Unusable, "target", "it has no level"))?;
-        Ok(Frame { planes: self.vote(&nnf, atlas).planes(), nnf, levels: reports })
+        let (atlas, nnf, rules) = state.ok_or_else(|| Error::new(Kind::Unusable, "target", "it has no level"))?;
+        let planes = rules.vote(&self.layout, &atlas.patches.stack, &nnf).planes();
+        Ok(Frame { planes, nnf, levels: reports })
     }
 
     /// Search and vote in turns until the energy hardly falls.
-    fn level(&self, level: &mut Level, nnf: &mut Nnf, rounds: usize, observer: &dyn Observer) -> Result<LevelReport> {
+    fn level(
+        &self,
+        level: &mut Level,
+        nnf: &mut Nnf,
+        rules: &mut Rules,
+        rounds: usize,
+        observer: &dyn Observer,
+    ) -> Result<LevelReport> {
         let stack = &level.target.stack;
         let mut report = LevelReport {
             size: (stack.width, stack.height),
             patches: (level.atlas.patches.count(), level.target.count()),
             ..LevelReport::default()
         };
-        let mut rules = Rules::new(self.settings.rule, self.settings.sweeps);
         for round in 0..rounds {
             observe::check(observer)?;
             let start = Instant::now();
@@ -269,18 +280,13 @@ impl Engine {
             let before = report.energies.last().copied().unwrap_or(f64::INFINITY);
             report.energies.push(energy);
             let start = Instant::now();
-            self.vote(nnf, level.atlas).write(&mut level.target.stack);
+            rules.vote(level.layout, &level.atlas.patches.stack, nnf).write(&mut level.target.stack);
             report.voting += start.elapsed().as_secs_f64();
             if energy >= before * (1.0 - self.settings.tolerance) {
                 break;
             }
         }
         Ok(report)
-    }
-
-    fn vote<'a>(&self, nnf: &'a Nnf, atlas: &'a Atlas) -> Vote<'a> {
-        let (radius, channels) = (self.layout.radius(), self.layout.synthesised());
-        Vote { nnf, source: &atlas.patches.stack, radius, channels, weights: None }
     }
 
     /// Rounds on level `n` of `count`, 0 the finest.
@@ -452,6 +458,123 @@ mod tests {
         };
         let (one, two, three) = (run(1), run(2), run(3));
         assert!(one.planes == two.planes && one.planes == three.planes && one.nnf == two.nnf && one.nnf == three.nnf);
+    }
+
+    /// Mean squared Laplacian away from the border.
+    fn sharpness(p: &Plane) -> f32 {
+        let inside = (8..p.height - 8).flat_map(|y| (8..p.width - 8).map(move |x| (x, y)));
+        let squares = inside.map(|(x, y)| {
+            let around = p.at(x - 1, y) + p.at(x + 1, y) + p.at(x, y - 1) + p.at(x, y + 1);
+            (around - 4.0 * p.at(x, y)).powi(2)
+        });
+        let (sum, n) = squares.fold((0.0, 0.0), |(s, n), v| (s + v, n + 1.0));
+        sum / n
+    }
+
+    /// Colour now, and before.
+    fn chained(rule: Rule, lambda: f32) -> Engine {
+        let layout =
+            vec![Channel::new("grey", 1.0, Role::Synthesised), Channel::new("grey before", lambda, Role::Modulated)];
+        Engine::new(Layout::new(2, layout).unwrap(), Settings { rule, ..Settings::default() })
+    }
+
+    /// Frames of a texture that turns by `angle` a frame; the last one.
+    fn turned(engine: &Engine, exemplar: &Plane, size: usize, frames: usize, angle: f32) -> Plane {
+        let source = engine.source(&[image(vec![exemplar.clone(), exemplar.clone()])]).unwrap();
+        let mut last = noise(size, size);
+        for number in 0..frames {
+            let (sin, cos) = if number > 0 { angle.sin_cos() } else { (0.0, 1.0) };
+            let middle = size as f32 / 2.0;
+            let before = Plane::from_fn(size, size, |x, y| {
+                let (x, y) = (x as f32 + 0.5 - middle, y as f32 + 0.5 - middle);
+                last.bilinear(middle + cos * x + sin * y, middle + cos * y - sin * x)
+            });
+            let modulation = (number == 0).then(|| Plane::zeros(size, size));
+            let target = Target { image: image(vec![before.clone(), before]), modulation, previous: None };
+            last = engine.frame(&source, &target, &Silent).unwrap().planes.remove(0);
+        }
+        last
+    }
+
+    #[test]
+    fn a_repetitive_exemplar_under_rotation_stays_sharp_with_plain() {
+        // Dots a patch apart (LazyFluids, Fig. 2a and b).
+        let dots = Plane::from_fn(60, 60, |x, y| {
+            let d = ((x % 6) as f32 - 2.5).hypot((y % 6) as f32 - 2.5);
+            (2.6 - d).clamp(0.0, 1.0)
+        });
+        let share = sharpness(&turned(&chained(Rule::Plain, 0.2), &dots, 72, 20, 0.02)) / sharpness(&dots);
+        assert!(share > 0.7, "{share}");
+    }
+
+    #[test]
+    fn where_the_exemplar_has_smooth_parts_plain_washes_out_and_uniform_does_not() {
+        let exemplar = Plane::from_fn(64, 64, |x, y| {
+            let grain = rng::unit(rng::hash(4, &[x as u64 / 2, y as u64 / 2])) - 0.5;
+            0.5 + 0.8 * grain * (x as f32 / 63.0)
+        });
+        let share = |rule| sharpness(&turned(&chained(rule, 0.5), &exemplar, 80, 8, 0.03)) / sharpness(&exemplar);
+        let uniform = share(Rule::Uniform);
+        assert!(uniform > 0.4, "{uniform}");
+        for rule in [Rule::Plain, Rule::Coherent, Rule::Bidirectional, Rule::Occurrence] {
+            assert!(share(rule) < 0.6 * uniform, "{rule:?}");
+        }
+    }
+
+    #[test]
+    fn a_field_carried_on_starts_the_next_frame_near_its_end() {
+        let engine = chained(Rule::Uniform, 0.5);
+        let exemplar = texture(48, 48, 0.0);
+        let source = engine.source(&[image(vec![exemplar.clone(), exemplar])]).unwrap();
+        let first =
+            Target { image: image(vec![noise(64, 64); 2]), modulation: Some(Plane::zeros(64, 64)), previous: None };
+        let first = engine.frame(&source, &first, &Silent).unwrap();
+        let before = &first.planes[0];
+        let moved = Plane::from_fn(64, 64, |x, y| before.at(x.saturating_sub(1), y));
+        let field = first.nnf.carried(|x, y| (x as f32 - 0.5, y as f32 + 0.5));
+        let start = |previous| {
+            let second = Target { image: image(vec![moved.clone(); 2]), modulation: None, previous };
+            engine.frame(&source, &second, &Silent).unwrap().levels[0].energies[0]
+        };
+        assert!(start(Some(field)) < 0.8 * start(None));
+    }
+
+    #[test]
+    fn pictures_are_shown_to_whoever_wants_them() {
+        #[derive(Default)]
+        struct Names(std::sync::Mutex<Vec<String>>);
+        impl Observer for Names {
+            fn wants_pictures(&self) -> bool {
+                true
+            }
+            fn picture(&self, name: &str, (width, height): (usize, usize), rgb: &[u8]) {
+                assert_eq!(rgb.len(), width * height * 3);
+                assert!(rgb.iter().any(|&v| v > 0), "{name}");
+                self.0.lock().unwrap().push(name.to_owned());
+            }
+        }
+        let engine = Engine::new(grey_layout(2), Settings { rule: Rule::Uniform, ..Settings::default() });
+        let source = engine.source(&[image(vec![texture(30, 30, 0.0)])]).unwrap();
+        let names = Names::default();
+        engine.frame(&source, &target(vec![noise(44, 40)]), &names).unwrap();
+        assert_eq!(names.0.into_inner().unwrap(), ["level 0 field", "level 0 usage", "level 0 channel grey"]);
+    }
+
+    #[test]
+    fn every_rule_makes_a_frame_the_same_on_any_number_of_threads() {
+        let source_image = image(vec![texture(44, 40, 0.0)]);
+        for &(name, rule) in <Rule as crate::base::options::Words>::ALL {
+            let settings = Settings { rule, iterations: (3, 2), ..Settings::default() };
+            let engine = Engine::new(grey_layout(2), settings);
+            let source = engine.source(std::slice::from_ref(&source_image)).unwrap();
+            let made = |threads| {
+                let frame = || engine.frame(&source, &target(vec![noise(60, 56)]), &Silent).unwrap();
+                par::with_threads(threads, frame).unwrap()
+            };
+            let (one, two, three) = (made(1), made(2), made(3));
+            assert!(one.planes == two.planes && one.planes == three.planes && one.nnf == three.nnf, "{name}");
+            assert!(sharpness(&one.planes[0]) > 0.0, "{name}");
+        }
     }
 
     #[test]

@@ -211,12 +211,11 @@ impl State<'_> {
     fn places(&self, target: usize, held: Place, segment: u8, sweep: Sweep, out: &mut Vec<Candidate>) {
         out.clear();
         let (from, to) = (self.level.target.stack.width as isize, self.level.atlas.patches.stack.width as isize);
-        let step = self.search.step(target);
         let mut push = |place: isize| {
             if place != held.0 as isize
                 && let Some(centre) = self.level.atlas.patches.in_segment(place, segment)
             {
-                out.push(Candidate { centre, base: 0, step });
+                out.push(Candidate { centre, base: 0, step: self.search.step(target, centre) });
             }
         };
         for (here, there) in [(-1, -1), (1, 1), (-from, -to), (from, to)] {

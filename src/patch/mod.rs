@@ -9,8 +9,9 @@
 //! - [`segments`]: which pixels are centres of patches, and whether of the outline or the interior.
 //! - [`atlas`]: all exemplar images of a level in one array.
 //! - [`nnf`]: the field.
-//! - `distance`, `patch_match`, `vote`: the two steps.
-//! - [`rules`]: how the field is constrained.
+//! - `distance`, [`patch_match`], [`vote`]: the two steps.
+//! - [`rules`]: how the field is constrained: plain, coherent, bidirectional, by an occurrence map, or uniform. `usage`,
+//!   `leftovers` and `exchange` do the last two, `coherence` and `completeness` those before.
 //! - [`engine`]: the loop.
 //!
 //! A method says which channels there are, what they weigh, which images are the source and what a frame starts from. For
@@ -19,6 +20,8 @@
 
 pub mod atlas;
 pub mod channels;
+mod coherence;
+mod completeness;
 mod distance;
 pub mod engine;
 mod exchange;
@@ -30,4 +33,4 @@ pub mod segments;
 #[cfg(test)]
 mod testing;
 mod usage;
-mod vote;
+pub mod vote;

@@ -22,6 +22,8 @@ pub enum Steps<'a> {
     Full,
     /// By the patch that looks for a neighbour.
     From(&'a [u8]),
+    /// By the patch that is found.
+    To(&'a [u8]),
 }
 
 /// A search: for every patch of `from` the nearest one of `to` in the same segment.
@@ -35,6 +37,8 @@ pub struct Search<'a> {
     pub to: &'a Patches,
     /// The modulation of the target.
     pub steps: Steps<'a>,
+    /// Where an image is searched in itself: patches that differ by less than this across and down are not found; otherwise 0.
+    pub apart: usize,
 }
 
 /// How one sweep goes.
@@ -53,21 +57,28 @@ impl<'a> Search<'a> {
         Comparison { layout: self.layout, from: &self.from.stack, to: &self.to.stack }
     }
 
-    pub(super) fn step(&self, from: usize) -> u8 {
+    pub(super) fn step(&self, from: usize, to: u32) -> u8 {
         match self.steps {
             Steps::Full => MODULATION,
             Steps::From(steps) => steps[from],
+            Steps::To(steps) => steps[to as usize],
         }
     }
 
     /// The distance of the patch around pixel `from` and the one at `to`.
     pub(super) fn distance(&self, from: usize, to: Place) -> u32 {
-        self.comparison().distance(from as u32, to.0, self.step(from))
+        self.comparison().distance(from as u32, to.0, self.step(from, to.0))
+    }
+
+    /// Whether two patches are as far apart as they must be.
+    pub(super) fn is_apart(&self, from: usize, to: usize) -> bool {
+        let (w, v) = (self.from.stack.width, self.to.stack.width);
+        self.apart == 0 || (from % w).abs_diff(to % v).max((from / w).abs_diff(to / v)) >= self.apart
     }
 
     /// That distance if it is below `limit`.
     pub(super) fn distance_below(&self, from: usize, to: Place, limit: u32) -> Option<u32> {
-        let candidate = Candidate { centre: to.0, base: 0, step: self.step(from) };
+        let candidate = Candidate { centre: to.0, base: 0, step: self.step(from, to.0) };
         self.nearest(from, &[candidate], limit).map(|found| found.1)
     }
 
@@ -131,8 +142,9 @@ impl Band<'_> {
     }
 
     fn candidate(&self, at: usize, place: isize, segment: u8) -> Option<Candidate> {
-        let centre = self.search.to.in_segment(place, segment)?;
-        Some(Candidate { centre, base: 0, step: self.search.step(at) })
+        let centre =
+            self.search.to.in_segment(place, segment).filter(|&centre| self.search.is_apart(at, centre as usize))?;
+        Some(Candidate { centre, base: 0, step: self.search.step(at, centre) })
     }
 
     /// The neighbours' matches, moved by one pixel.
@@ -237,7 +249,7 @@ mod tests {
         let (a, b) = (grey_patches(&Plane::from_fn(86, 72, bent), 2), grey_patches(&exemplar, 2));
         let seen = grey_patches(&Plane::from_fn(80, 66, |x, y| exemplar.at(x + 8, y + 7)), 2);
         for (from, to) in [(&a, &b), (&seen, &a)] {
-            let search = Search { layout: &layout, from, to, steps: Steps::Full };
+            let search = Search { layout: &layout, from, to, steps: Steps::Full, apart: 0 };
             let best = brute_force(&search);
             let nnf = found(&search, 8);
             let near = |&(i, cell): &(usize, Cell)| f64::from(cell.distance) <= 1.05 * f64::from(best[i]);
@@ -251,7 +263,7 @@ mod tests {
     fn threads_do_not_change_it() {
         let layout = grey_layout(1);
         let (a, b) = (grey_patches(&texture(90, 77, 0.0), 1), grey_patches(&texture(64, 64, 11.0), 1));
-        let search = Search { layout: &layout, from: &a, to: &b, steps: Steps::Full };
+        let search = Search { layout: &layout, from: &a, to: &b, steps: Steps::Full, apart: 0 };
         let run = |threads| par::with_threads(threads, || found(&search, 3)).unwrap();
         assert!(run(1) == run(2) && run(1) == run(3));
     }

@@ -1,10 +1,14 @@
 //! How the nearest-neighbour field is constrained: the methods that LazyFluids compares in its Figure 2, on one engine.
 
+use super::channels::{Layout, Stack};
+use super::coherence::Similar;
+use super::completeness::{Completeness, Votes};
 use super::engine::Level;
 use super::exchange;
 use super::nnf::Nnf;
 use super::patch_match::Sweep;
 use super::usage::{Bounds, Constraint, Usage};
+use super::vote::{Manner, Vote};
 use crate::base::options::Words;
 use crate::base::rng;
 
@@ -16,6 +20,11 @@ const NEAR: usize = 32;
 pub enum Rule {
     /// Every target patch takes its nearest source patch (Kwatra et al. 2005; LazyFluids, Eq. 2).
     Plain,
+    /// Each takes the nearest of what its neighbours' patches and those that resemble them suggest, and pixels are copied
+    /// instead of blended (the discrete solver of Han et al. 2006).
+    Coherent,
+    /// Source patches vote too, each at the target patch nearest to it (bidirectional similarity: Simakov et al. 2008).
+    Bidirectional,
     /// No source patch is used more than twice as often as uniform use would (the occurrence map of Kaspar et al. 2015).
     Occurrence,
     /// Every source patch of a segment is used K or K + 1 times (LazyFluids, Eq. 5), exactly.
@@ -23,8 +32,13 @@ pub enum Rule {
 }
 
 impl Words for Rule {
-    const ALL: &'static [(&'static str, Self)] =
-        &[("plain", Self::Plain), ("occurrence", Self::Occurrence), ("uniform", Self::Uniform)];
+    const ALL: &'static [(&'static str, Self)] = &[
+        ("plain", Self::Plain),
+        ("coherent", Self::Coherent),
+        ("bidirectional", Self::Bidirectional),
+        ("occurrence", Self::Occurrence),
+        ("uniform", Self::Uniform),
+    ];
 }
 
 /// A rule at work on one level.
@@ -32,21 +46,46 @@ impl Words for Rule {
 pub(super) struct Rules {
     rule: Rule,
     sweeps: usize,
+    manner: Manner,
     usage: Option<Usage>,
+    similar: Option<Similar>,
+    completeness: Option<Completeness>,
+    back: Option<Votes>,
 }
 
 impl Rules {
-    pub fn new(rule: Rule, sweeps: usize) -> Self {
-        Self { rule, sweeps, usage: None }
+    /// `manner` is how the rules vote that blend.
+    pub fn new(rule: Rule, sweeps: usize, manner: Manner) -> Self {
+        let manner = if rule == Rule::Coherent { Manner::Discrete } else { manner };
+        Self { rule, sweeps, manner, usage: None, similar: None, completeness: None, back: None }
     }
 
     /// Improves the field for the present state of the target.
     pub fn search(&mut self, level: &Level, nnf: &mut Nnf, round: usize) {
         match self.rule {
             Rule::Plain => self.plain(level, nnf, round),
+            Rule::Coherent => self.coherent(level, nnf),
+            Rule::Bidirectional => {
+                self.plain(level, nnf, round);
+                let completeness = self.completeness.get_or_insert_with(|| Completeness::new(level));
+                completeness.search(level, self.sweeps, round);
+                self.back = Some(completeness.votes(nnf.cells.len()));
+            }
             Rule::Occurrence => self.bounded(level, nnf, round, Bounds::occurrence),
             Rule::Uniform => self.bounded(level, nnf, round, Bounds::uniform),
         }
+    }
+
+    /// What is voted after a search; before the first one, the mean of the field.
+    pub fn vote<'a>(&'a self, layout: &Layout, source: &'a Stack, nnf: &'a Nnf) -> Vote<'a> {
+        let (radius, channels) = (layout.radius(), layout.synthesised());
+        Vote { nnf, source, radius, channels, manner: self.manner, back: self.back.as_ref() }
+    }
+
+    fn coherent(&mut self, level: &Level, nnf: &mut Nnf) {
+        level.search().evaluate(nnf);
+        let similar = self.similar.get_or_insert_with(|| Similar::new(level));
+        (0..self.sweeps).for_each(|_| similar.sweep(level, nnf));
     }
 
     fn plain(&self, level: &Level, nnf: &mut Nnf, round: usize) {

@@ -135,6 +135,7 @@ mod tests {
     use super::super::rules::{Rule, Rules};
     use super::super::segments::{BOUNDARY, INTERIOR, Patches, Thresholds, labels};
     use super::super::testing::{assignment, grey_layout, grey_patches, texture};
+    use super::super::vote::Manner;
     use super::*;
     use crate::base::rng::{below, hash, unit};
     use crate::raster::image::Plane;
@@ -151,7 +152,7 @@ mod tests {
     /// The field after `rounds` without voting.
     fn searched(level: &Level, rule: Rule, rounds: usize) -> Nnf {
         let mut nnf = Nnf::random(&level.target, &level.atlas.patches, 5);
-        let mut rules = Rules::new(rule, 4);
+        let mut rules = Rules::new(rule, 4, Manner::Mean);
         (0..rounds).for_each(|round| rules.search(level, &mut nnf, round));
         nnf
     }
@@ -193,7 +194,7 @@ mod tests {
             let target = Patches::new(Stack::from_planes(&[texture(tw, th, 17.0)]), labels);
             let level = level(&layout, &atlas, target);
             let mut nnf = Nnf::random(&level.target, &level.atlas.patches, shape);
-            let mut rules = Rules::new(Rule::Uniform, sweeps);
+            let mut rules = Rules::new(Rule::Uniform, sweeps, Manner::Mean);
             rules.search(&level, &mut nnf, 0);
             assert_uniform(&level, &nnf);
             rules.search(&level, &mut nnf, 1);
@@ -256,7 +257,7 @@ mod tests {
         let run = |threads| {
             let totals = || {
                 let mut nnf = Nnf::random(&level.target, &atlas.patches, 5);
-                let mut rules = Rules::new(Rule::Uniform, 1);
+                let mut rules = Rules::new(Rule::Uniform, 1, Manner::Mean);
                 let total = |round| {
                     rules.search(&level, &mut nnf, round);
                     nnf.total()

@@ -2,12 +2,24 @@
 
 use super::atlas::Place;
 use super::channels::Stack;
-use super::nnf::Nnf;
+use super::completeness::Votes;
+use super::nnf::{Cell, Nnf};
 use crate::base::par;
 use crate::raster::image::Plane;
 
 /// Rows that one thread votes at a time.
 const BAND: usize = 16;
+
+/// How overlapping patches make one pixel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Manner {
+    /// Their mean: the least squares that the energy asks for.
+    Mean,
+    /// Their mean weighted by their squared distance to the power −0.6, so that outliers count less (Kwatra et al. 2005, r = 0.8).
+    Robust,
+    /// The one of them nearest to their mean, so that nothing is blended (Han et al. 2006).
+    Discrete,
+}
 
 /// What is voted: the field, and the image whose pixels its places name.
 #[derive(Debug, Clone, Copy)]
@@ -18,8 +30,10 @@ pub(super) struct Vote<'a> {
     pub radius: usize,
     /// How many channels are voted, the first ones.
     pub channels: usize,
-    /// Weight of every target patch; none counts all alike.
-    pub weights: Option<&'a [f32]>,
+    /// How the overlapping patches make one pixel.
+    pub manner: Manner,
+    /// Source patches that vote besides.
+    pub back: Option<&'a Votes>,
 }
 
 impl Vote<'_> {
@@ -61,32 +75,101 @@ impl Vote<'_> {
     /// `C` channels, or as many as there are where `C` is 0.
     fn row_of<const C: usize>(&self, y: usize, sums: &mut [f32]) {
         let channels = if C > 0 { C } else { self.channels };
-        let (width, radius) = (self.nnf.width, self.radius);
-        let mut totals = vec![0.0; width];
+        let mut totals = vec![0.0; self.nnf.width];
         sums.fill(0.0);
-        for cy in y.saturating_sub(radius)..(y + radius + 1).min(self.nnf.cells.len() / width) {
-            let down = y as isize - cy as isize;
-            for cx in 0..width {
-                let cell = self.nnf.cells[cy * width + cx];
-                if cell.place == Place::NONE {
-                    continue;
-                }
-                let weight = self.weights.map_or(1.0, |w| w[cy * width + cx]);
-                // A patch lies within its image on both sides.
-                let first = (cell.place.index() as isize + down * self.source.width as isize) as usize - radius;
-                let from = &self.source.bytes()[first * self.source.channels..];
-                let left = cx - radius;
-                for k in 0..=2 * radius {
-                    let pixel = &from[k * self.source.channels..][..channels];
-                    let to = &mut sums[(left + k) * channels..][..channels];
-                    to.iter_mut().zip(pixel).for_each(|(s, &p)| *s += weight * f32::from(p));
-                    totals[left + k] += weight;
-                }
-            }
-        }
+        self.overlapping::<C>(y, |x, pixel, weight| {
+            let sum = &mut sums[x * channels..][..channels];
+            sum.iter_mut().zip(pixel).for_each(|(s, &p)| *s += weight * f32::from(p));
+            totals[x] += weight;
+        });
         for (pixel, &total) in sums.chunks_exact_mut(channels).zip(&totals) {
             let share = if total > 0.0 { 1.0 / total } else { 0.0 };
             pixel.iter_mut().for_each(|s| *s *= share);
         }
+        if self.manner == Manner::Discrete {
+            self.snap::<C>(y, sums);
+        }
+    }
+
+    /// Replaces every mean by the voted pixel that is nearest to it.
+    fn snap<const C: usize>(&self, y: usize, means: &mut [f32]) {
+        let channels = if C > 0 { C } else { self.channels };
+        let mut nearest = vec![f32::INFINITY; self.nnf.width];
+        let mut chosen = means.to_vec();
+        self.overlapping::<C>(y, |x, pixel, _| {
+            let mean = &means[x * channels..][..channels];
+            let distance = mean.iter().zip(pixel).map(|(m, &p)| (m - f32::from(p)).powi(2)).sum::<f32>();
+            if distance < nearest[x] {
+                nearest[x] = distance;
+                chosen[x * channels..][..channels].iter_mut().zip(pixel).for_each(|(c, &p)| *c = f32::from(p));
+            }
+        });
+        means.copy_from_slice(&chosen);
+    }
+
+    /// Calls `visit(x, pixel, weight)` for all that is voted in row `y`, in a fixed order.
+    #[inline(always)]
+    fn overlapping<const C: usize>(&self, y: usize, mut visit: impl FnMut(usize, &[u8], f32)) {
+        let channels = if C > 0 { C } else { self.channels };
+        let (width, radius) = (self.nnf.width, self.radius);
+        let stack = self.source;
+        // |X| / |Z|: both directions count alike (Simakov et al. 2008).
+        let weight_back =
+            self.back.map_or(0.0, |votes| self.nnf.assigned().count() as f32 / votes.count().max(1) as f32);
+        for cy in y.saturating_sub(radius)..(y + radius + 1).min(self.nnf.cells.len() / width) {
+            let down = y as isize - cy as isize;
+            let mut patch = |cx: usize, place: Place, weight: f32| {
+                // A patch lies within its image on both sides.
+                let first = (place.index() as isize + down * stack.width as isize) as usize - radius;
+                let from = &stack.bytes()[first * stack.channels..];
+                for k in 0..=2 * radius {
+                    visit(cx - radius + k, &from[k * stack.channels..][..channels], weight);
+                }
+            };
+            for cx in 0..width {
+                let at = cy * width + cx;
+                let cell = self.nnf.cells[at];
+                if cell.place != Place::NONE {
+                    patch(cx, cell.place, self.weight(cell));
+                }
+                self.back.iter().flat_map(|votes| votes.at(at)).for_each(|&place| patch(cx, place, weight_back));
+            }
+        }
+    }
+
+    fn weight(&self, cell: Cell) -> f32 {
+        match self.manner {
+            Manner::Mean | Manner::Discrete => 1.0,
+            Manner::Robust => (cell.distance as f32 + 1.0).powf(-0.6),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::testing::{grey_patches, texture};
+    use super::*;
+
+    fn voted(cells: &[(usize, u32, u32)], manner: Manner) -> Plane {
+        let source = grey_patches(&texture(20, 20, 0.0), 1);
+        let mut nnf = Nnf { width: 9, cells: vec![Cell::NONE; 63] };
+        cells.iter().for_each(|&(i, place, distance)| nnf.cells[i] = Cell { place: Place(place), distance });
+        Vote { nnf: &nnf, source: &source.stack, radius: 1, channels: 1, manner, back: None }.planes().remove(0)
+    }
+
+    #[test]
+    fn pixels_are_means_of_the_patches_over_them_and_0_elsewhere() {
+        let source = grey_patches(&texture(20, 20, 0.0), 1).stack;
+        let value = |i: usize| f32::from(source.pixel(i)[0]) / 255.0;
+        // Patches round (3, 3) and (4, 3).
+        let both = [(30, 45, 0), (31, 150, 0)];
+        let mean = voted(&both, Manner::Mean);
+        assert!((mean.at(3, 3) - (value(45) + value(149)) / 2.0).abs() < 1e-6);
+        assert!((mean.at(2, 2) - value(45 - 21)).abs() < 1e-6 && (mean.at(5, 4) - value(150 + 21)).abs() < 1e-6);
+        assert_eq!((mean.at(1, 3), mean.at(6, 3), mean.at(3, 5)), (0.0, 0.0, 0.0));
+        let discrete = voted(&both, Manner::Discrete);
+        assert!([value(45), value(149)].iter().any(|v| (discrete.at(3, 3) - v).abs() < 1e-6));
+        let robust = voted(&[(30, 45, 0), (31, 150, 1_000_000)], Manner::Robust);
+        assert!((robust.at(3, 3) - value(45)).abs() < 1e-3);
     }
 }
