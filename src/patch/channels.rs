@@ -157,7 +157,7 @@ fn row_weights(channels: &[Channel], side: usize, scale: f64, step: u8) -> RowWe
 }
 
 /// An image as interleaved bytes.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Stack {
     /// Width in pixels.
     pub width: usize,

@@ -8,7 +8,7 @@ use super::nnf::{Nnf, usage_picture};
 use super::patch_match::{Search, Steps};
 use super::rules::{Rule, Rules};
 use super::segments::{Patches, Thresholds, labels};
-use super::vote::Manner;
+use super::vote::{Anchor, Manner};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::rng;
@@ -112,8 +112,17 @@ pub struct Target {
     pub image: Image,
     /// Weight of the modulated channels at every pixel, in [0, 1]; full without it.
     pub modulation: Option<Plane>,
+    /// What the synthesised channels are held to besides.
+    pub anchor: Option<Anchor>,
     /// The field of the previous frame, carried to where its patches are now.
     pub previous: Option<Nnf>,
+}
+
+impl Target {
+    /// Guides and start alone.
+    pub fn new(image: Image) -> Self {
+        Self { image, modulation: None, anchor: None, previous: None }
+    }
 }
 
 /// A synthesised frame.
@@ -134,7 +143,7 @@ pub struct LevelReport {
     pub size: (usize, usize),
     /// Number of source and of target patches.
     pub patches: (usize, usize),
-    /// The energy after the search of each round: Σ of distances, in units of squared values at weight 1.
+    /// The energy after the search of each round: Σ of distances, and what the anchor adds, in units of squared values at weight 1.
     pub energies: Vec<f64>,
     /// Seconds spent searching.
     pub searching: f64,
@@ -150,6 +159,8 @@ pub(super) struct Level<'a> {
     pub target: Patches,
     /// The modulation in steps.
     pub steps: Option<Vec<u8>>,
+    /// What the synthesised channels are held to.
+    pub anchor: Option<Anchor>,
     /// Whether it starts from nothing.
     pub coarsest: bool,
     /// Seed of this level's random choices.
@@ -219,10 +230,12 @@ impl Engine {
     /// Planes that are not the layout's channels or differ in size, an image smaller than a patch, or a cancel.
     pub fn frame(&self, source: &Source, target: &Target, observer: &dyn Observer) -> Result<Frame> {
         let (width, height) = self.checked("target", &target.image)?;
+        self.check_companions((width, height), target)?;
         let count = self.levels(width.min(height)).min(source.levels.len());
         let layers = target.image.pyramid(count);
         let modulation = target.modulation.as_ref().map(|m| modulation_pyramid(m, count));
-        let mut state: Option<(&Atlas, Nnf, Rules)> = None;
+        let anchors = anchor_pyramid(target.anchor.as_ref(), count);
+        let mut state: Option<(Level, Nnf, Rules)> = None;
         let mut reports = Vec::with_capacity(count);
         let merged: Vec<Option<Atlas>> = (0..count).map(|n| self.merged(&source.levels[n], &layers[n])).collect();
         for n in (0..count).rev() {
@@ -232,16 +245,17 @@ impl Engine {
                 atlas,
                 target: self.patches(&layers[n], merged[n].is_some()),
                 steps: modulation.as_ref().map(|m| m[n].clone()),
+                anchor: anchors[n].clone(),
                 coarsest: state.is_none(),
                 seed: rng::hash(self.settings.seed, &[n as u64]),
             };
+            let mut rules = Rules::new(self.settings.rule, self.settings.sweeps, self.settings.manner);
             let mut nnf = match &state {
                 None => Nnf::random(&level.target, &atlas.patches, level.seed),
-                Some((coarser, nnf, _)) => nnf.refined(coarser, &level.target, atlas, level.seed),
+                Some((coarser, nnf, _)) => nnf.refined(coarser.atlas, &level.target, atlas, level.seed),
             };
-            let mut rules = Rules::new(self.settings.rule, self.settings.sweeps, self.settings.manner);
-            if state.is_some() {
-                rules.vote(&self.layout, &atlas.patches.stack, &nnf).write(&mut level.target.stack);
+            if !level.coarsest {
+                vote(&mut level, &nnf, &rules);
             }
             if let Some(previous) = &target.previous {
                 nnf.merge(&level.search(), &previous.coarsened(source.atlas(), n, &level.target, atlas));
@@ -249,10 +263,10 @@ impl Engine {
             let rounds = self.rounds(n, count);
             reports.push(self.level(&mut level, &mut nnf, &mut rules, rounds, observer)?);
             show(&level, &nnf, n, observer);
-            state = Some((atlas, nnf, rules));
+            state = Some((level, nnf, rules));
         }
-        let (atlas, nnf, rules) = state.ok_or_else(|| Error::new(Kind::Unusable, "target", "it has no level"))?;
-        let planes = rules.vote(&self.layout, &atlas.patches.stack, &nnf).planes();
+        let (level, nnf, rules) = state.ok_or_else(|| Error::new(Kind::Unusable, "target", "it has no level"))?;
+        let planes = rules.vote(&level, &nnf).planes();
         Ok(Frame { planes, nnf, levels: reports })
     }
 
@@ -276,11 +290,12 @@ impl Engine {
             let start = Instant::now();
             rules.search(level, nnf, round);
             report.searching += start.elapsed().as_secs_f64();
-            let energy = self.layout.to_energy(nnf.total() as f64);
+            let held = level.anchor.as_ref().map_or(0.0, |anchor| anchor.energy(&self.layout, &level.target.stack));
+            let energy = self.layout.to_energy(nnf.total() as f64) + held;
             let before = report.energies.last().copied().unwrap_or(f64::INFINITY);
             report.energies.push(energy);
             let start = Instant::now();
-            rules.vote(level.layout, &level.atlas.patches.stack, nnf).write(&mut level.target.stack);
+            vote(level, nnf, rules);
             report.voting += start.elapsed().as_secs_f64();
             if energy >= before * (1.0 - self.settings.tolerance) {
                 break;
@@ -314,6 +329,26 @@ impl Engine {
         (!self.patches(layers, false).is_served_by(&atlas.patches)).then(|| atlas.merged())
     }
 
+    /// Refuses modulation, anchor or field that do not fit a target of `size`.
+    fn check_companions(&self, size: (usize, usize), target: &Target) -> Result<()> {
+        let anchor = target.anchor.iter().flat_map(|a| a.planes.iter().chain([&a.weight]));
+        let planes = target.modulation.iter().chain(anchor).map(|p| (p.width, p.height));
+        let field = target.previous.iter().map(|f| (f.width, f.cells.len() / f.width.max(1)));
+        if let Some(other) = planes.chain(field).find(|&other| other != size) {
+            let problem = format!("modulation, anchor or previous field of {} × {} pixels", other.0, other.1);
+            return Err(
+                Error::new(Kind::Usage, "target", problem).allowed(format!("{} × {}, as its image", size.0, size.1))
+            );
+        }
+        match &target.anchor {
+            Some(anchor) if anchor.planes.len() != self.layout.synthesised() => {
+                Err(Error::new(Kind::Usage, "target", format!("an anchor of {} planes", anchor.planes.len()))
+                    .allowed(format!("{}, one a synthesised channel", self.layout.synthesised())))
+            }
+            _ => Ok(()),
+        }
+    }
+
     /// The size of an image that has what the layout asks for.
     fn checked(&self, what: &str, image: &Image) -> Result<(usize, usize)> {
         let (width, height) = image.size();
@@ -333,6 +368,22 @@ impl Engine {
         }
         Ok((width, height))
     }
+}
+
+/// Overwrites the synthesised channels of a level's target.
+fn vote(level: &mut Level, nnf: &Nnf, rules: &Rules) {
+    let mut stack = std::mem::take(&mut level.target.stack);
+    rules.vote(level, nnf).write(&mut stack);
+    level.target.stack = stack;
+}
+
+/// The anchor on every level.
+fn anchor_pyramid(anchor: Option<&Anchor>, levels: usize) -> Vec<Option<Anchor>> {
+    let mut all = vec![anchor.cloned()];
+    while all.len() < levels {
+        all.push(all[all.len() - 1].as_ref().map(Anchor::reduced));
+    }
+    all
 }
 
 /// The modulation in steps on every level.
@@ -380,7 +431,7 @@ mod tests {
     }
 
     fn target(planes: Vec<Plane>) -> Target {
-        Target { image: image(planes), modulation: None, previous: None }
+        Target::new(image(planes))
     }
 
     fn noise(width: usize, height: usize) -> Plane {
@@ -411,6 +462,27 @@ mod tests {
     }
 
     #[test]
+    fn an_anchor_holds_the_frame_and_the_energy_still_falls() {
+        let settings = Settings { iterations: (6, 6), tolerance: 0.0, ..Settings::default() };
+        let engine = Engine::new(grey_layout(2), settings);
+        let source = engine.source(&[image(vec![texture(64, 64, 0.0)])]).unwrap();
+        let before = texture(72, 66, 90.0);
+        let made = |weight: f32| {
+            let anchor = Anchor { planes: vec![before.clone()], weight: Plane::filled(72, 66, weight) };
+            let target = Target { anchor: Some(anchor), ..target(vec![before.clone()]) };
+            let frame = engine.frame(&source, &target, &Silent).unwrap();
+            for level in &frame.levels {
+                let rounding = level.patches.1 as f64 * (25.0 + f64::from(weight)) / 12.0 / 65025.0;
+                assert!(level.energies.windows(2).all(|e| e[1] <= e[0] + rounding), "{:?}", level.energies);
+            }
+            let difference = |(a, b): (&f32, &f32)| f64::from((a - b).powi(2));
+            frame.planes[0].data.iter().zip(&before.data).map(difference).sum::<f64>()
+        };
+        let (free, held, fixed) = (made(0.0), made(25.0), made(1e5));
+        assert!(held < 0.6 * free && fixed < 1e-3 * free, "{free} {held} {fixed}");
+    }
+
+    #[test]
     fn guides_say_what_goes_where() {
         let layout =
             Layout::new(2, vec![Channel::new("grey", 1.0, Role::Synthesised), Channel::new("guide", 1.0, Role::Guide)]);
@@ -434,7 +506,7 @@ mod tests {
         };
         let with = |w: usize, h: usize| Image { planes: vec![alpha(w, h)], blurred: Some(alpha(w, h)) };
         let source = engine.source(&[with(60, 60)]).unwrap();
-        let all = Target { image: with(90, 72), modulation: None, previous: None };
+        let all = Target { image: with(90, 72), modulation: None, anchor: None, previous: None };
         let frame = engine.frame(&source, &all, &Silent).unwrap();
         assert_eq!(frame.planes[0].at(3, 3), 0.0);
         assert!(frame.planes[0].at(45, 36) > 0.95);
@@ -490,7 +562,8 @@ mod tests {
                 last.bilinear(middle + cos * x + sin * y, middle + cos * y - sin * x)
             });
             let modulation = (number == 0).then(|| Plane::zeros(size, size));
-            let target = Target { image: image(vec![before.clone(), before]), modulation, previous: None };
+            let target =
+                Target { image: image(vec![before.clone(), before]), modulation, anchor: None, previous: None };
             last = engine.frame(&source, &target, &Silent).unwrap().planes.remove(0);
         }
         last
@@ -526,14 +599,18 @@ mod tests {
         let engine = chained(Rule::Uniform, 0.5);
         let exemplar = texture(48, 48, 0.0);
         let source = engine.source(&[image(vec![exemplar.clone(), exemplar])]).unwrap();
-        let first =
-            Target { image: image(vec![noise(64, 64); 2]), modulation: Some(Plane::zeros(64, 64)), previous: None };
+        let first = Target {
+            image: image(vec![noise(64, 64); 2]),
+            modulation: Some(Plane::zeros(64, 64)),
+            anchor: None,
+            previous: None,
+        };
         let first = engine.frame(&source, &first, &Silent).unwrap();
         let before = &first.planes[0];
         let moved = Plane::from_fn(64, 64, |x, y| before.at(x.saturating_sub(1), y));
         let field = first.nnf.carried(|x, y| (x as f32 - 0.5, y as f32 + 0.5));
         let start = |previous| {
-            let second = Target { image: image(vec![moved.clone(); 2]), modulation: None, previous };
+            let second = Target { image: image(vec![moved.clone(); 2]), modulation: None, anchor: None, previous };
             engine.frame(&source, &second, &Silent).unwrap().levels[0].energies[0]
         };
         assert!(start(Some(field)) < 0.8 * start(None));
@@ -578,6 +655,26 @@ mod tests {
     }
 
     #[test]
+    fn turned_copies_are_sources_like_others() {
+        let layout =
+            Layout::new(1, vec![Channel::new("grey", 1.0, Role::Synthesised), Channel::new("guide", 1.0, Role::Guide)]);
+        let engine = Engine::new(layout.unwrap(), Settings { rule: Rule::Uniform, ..Settings::default() });
+        let picture = Image { planes: vec![noise(14, 11), noise(14, 11)], blurred: Some(Plane::filled(14, 11, 1.0)) };
+        let turns = picture.quarter_turns();
+        for (k, turn) in turns.iter().enumerate() {
+            let at = [(3, 1), (9, 3), (10, 9), (1, 10)][k];
+            assert!(turn.planes.iter().chain(&turn.blurred).all(|p| p.width == [14, 11, 14, 11][k]));
+            assert_eq!(turn.planes[1].at(at.0, at.1), picture.planes[1].at(3, 1), "turned {k} times");
+        }
+        let source = engine.source(&turns).unwrap();
+        assert_eq!((source.atlas().images(), source.atlas().patches.count()), (4, 4 * 12 * 9));
+        // More source than target patches: each is used once or not at all.
+        let frame = engine.frame(&source, &Target::new(turns[1].clone()), &Silent).unwrap();
+        let usage = frame.nnf.usage(source.atlas());
+        assert!(usage.iter().all(|&n| n <= 1) && usage.iter().sum::<u32>() == 12 * 9);
+    }
+
+    #[test]
     fn bad_images_are_named() {
         let engine = Engine::new(grey_layout(2), Settings::default());
         let message = |images: &[Image]| engine.source(images).unwrap_err().to_string();
@@ -587,5 +684,11 @@ mod tests {
         let clear = Image { planes: vec![noise(9, 9)], blurred: Some(Plane::zeros(9, 9)) };
         assert!(message(std::slice::from_ref(&clear)).contains("opaque enough"));
         assert!(message(&[Image { blurred: Some(Plane::zeros(9, 8)), ..clear }]).contains("differ in size"));
+        let source = engine.source(&[image(vec![noise(9, 9)])]).unwrap();
+        let message = |target: Target| engine.frame(&source, &target, &Silent).unwrap_err().to_string();
+        let good = target(vec![noise(12, 9)]);
+        assert!(message(Target { modulation: Some(noise(9, 12)), ..good.clone() }).contains("9 × 12"));
+        let anchor = Anchor { planes: Vec::new(), weight: noise(12, 9) };
+        assert!(message(Target { anchor: Some(anchor), ..good }).contains("one a synthesised channel"));
     }
 }

@@ -1,6 +1,5 @@
 //! How the nearest-neighbour field is constrained: the methods that LazyFluids compares in its Figure 2, on one engine.
 
-use super::channels::{Layout, Stack};
 use super::coherence::Similar;
 use super::completeness::{Completeness, Votes};
 use super::engine::Level;
@@ -77,9 +76,16 @@ impl Rules {
     }
 
     /// What is voted after a search; before the first one, the mean of the field.
-    pub fn vote<'a>(&'a self, layout: &Layout, source: &'a Stack, nnf: &'a Nnf) -> Vote<'a> {
-        let (radius, channels) = (layout.radius(), layout.synthesised());
-        Vote { nnf, source, radius, channels, manner: self.manner, back: self.back.as_ref() }
+    pub fn vote<'a>(&'a self, level: &'a Level, nnf: &'a Nnf) -> Vote<'a> {
+        Vote {
+            nnf,
+            source: &level.atlas.patches.stack,
+            radius: level.layout.radius(),
+            channels: level.layout.synthesised(),
+            manner: self.manner,
+            back: self.back.as_ref(),
+            anchor: level.anchor.as_ref(),
+        }
     }
 
     fn coherent(&mut self, level: &Level, nnf: &mut Nnf) {

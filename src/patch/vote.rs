@@ -1,11 +1,12 @@
 //! Voting: every pixel becomes the mean of what the patches over it have there (Wexler et al. 2007).
 
 use super::atlas::Place;
-use super::channels::Stack;
+use super::channels::{Layout, Stack};
 use super::completeness::Votes;
 use super::nnf::{Cell, Nnf};
 use crate::base::par;
 use crate::raster::image::Plane;
+use crate::raster::pyramid::reduce;
 
 /// Rows that one thread votes at a time.
 const BAND: usize = 16;
@@ -21,6 +22,33 @@ pub enum Manner {
     Discrete,
 }
 
+/// An image that the synthesised channels are held to: with weight `a` the energy has the term `Σ_p a(p) ‖X(p) − X̂(p)‖²`, `X̂` the
+/// previous frame carried along the flow (Kwatra et al. 2005; LazyFluids, Eq. 3).
+#[derive(Debug, Clone)]
+pub struct Anchor {
+    /// One plane a synthesised channel, values in [0, 1].
+    pub planes: Vec<Plane>,
+    /// Weight at every pixel, at least 0; 1 is as much as one of the n² patches over it.
+    pub weight: Plane,
+}
+
+impl Anchor {
+    /// The next coarser level.
+    pub(super) fn reduced(&self) -> Self {
+        Self { planes: self.planes.iter().map(reduce).collect(), weight: reduce(&self.weight) }
+    }
+
+    /// What `image` differs from it, in units of squared values in [0, 1] at weight 1.
+    pub(super) fn energy(&self, layout: &Layout, image: &Stack) -> f64 {
+        let squared = |i: usize| {
+            let differences = image.pixel(i).iter().zip(&self.planes).zip(layout.channels());
+            differences.map(|((&b, p), c)| c.weight * (f32::from(b) / 255.0 - p.data[i]).powi(2)).sum::<f32>()
+        };
+        let weights = self.weight.data.iter().enumerate();
+        weights.map(|(i, &a)| if a > 0.0 { f64::from(a * squared(i)) } else { 0.0 }).sum()
+    }
+}
+
 /// What is voted: the field, and the image whose pixels its places name.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Vote<'a> {
@@ -34,6 +62,8 @@ pub(super) struct Vote<'a> {
     pub manner: Manner,
     /// Source patches that vote besides.
     pub back: Option<&'a Votes>,
+    /// An image that votes besides.
+    pub anchor: Option<&'a Anchor>,
 }
 
 impl Vote<'_> {
@@ -82,6 +112,14 @@ impl Vote<'_> {
             sum.iter_mut().zip(pixel).for_each(|(s, &p)| *s += weight * f32::from(p));
             totals[x] += weight;
         });
+        if let Some(anchor) = self.anchor {
+            for (x, total) in totals.iter_mut().enumerate().filter(|(_, total)| **total > 0.0) {
+                let weight = anchor.weight.at(x, y);
+                let sum = &mut sums[x * channels..][..channels];
+                sum.iter_mut().zip(&anchor.planes).for_each(|(s, p)| *s += weight * 255.0 * p.at(x, y));
+                *total += weight;
+            }
+        }
         for (pixel, &total) in sums.chunks_exact_mut(channels).zip(&totals) {
             let share = if total > 0.0 { 1.0 / total } else { 0.0 };
             pixel.iter_mut().for_each(|s| *s *= share);
@@ -154,7 +192,9 @@ mod tests {
         let source = grey_patches(&texture(20, 20, 0.0), 1);
         let mut nnf = Nnf { width: 9, cells: vec![Cell::NONE; 63] };
         cells.iter().for_each(|&(i, place, distance)| nnf.cells[i] = Cell { place: Place(place), distance });
-        Vote { nnf: &nnf, source: &source.stack, radius: 1, channels: 1, manner, back: None }.planes().remove(0)
+        Vote { nnf: &nnf, source: &source.stack, radius: 1, channels: 1, manner, back: None, anchor: None }
+            .planes()
+            .remove(0)
     }
 
     #[test]
