@@ -2,7 +2,7 @@
 
 use super::atlas::Place;
 use super::distance::Candidate;
-use super::engine::Level;
+use super::level::Level;
 use super::nnf::{Cell, Nnf};
 use super::patch_match::{Search, Steps, Sweep};
 use crate::base::{par, rng};

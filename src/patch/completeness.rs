@@ -1,7 +1,7 @@
 //! Bidirectional similarity (Simakov et al. 2008; Wei et al. 2008): every source patch should be found in the target too.
 
 use super::atlas::Place;
-use super::engine::Level;
+use super::level::Level;
 use super::nnf::Nnf;
 use super::patch_match::{Search, Steps, Sweep};
 use crate::base::rng;

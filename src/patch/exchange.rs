@@ -8,7 +8,7 @@
 
 use super::atlas::Place;
 use super::distance::Candidate;
-use super::engine::Level;
+use super::level::Level;
 use super::nnf::{Cell, Nnf};
 use super::patch_match::{Search, Sweep, Windows};
 use super::segments::NO_PATCH;

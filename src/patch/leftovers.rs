@@ -6,7 +6,7 @@
 
 use super::atlas::Place;
 use super::channels::{Layout, MODULATION, Stack};
-use super::engine::Level;
+use super::level::Level;
 use crate::base::par;
 
 /// Below this size both halves are done on one thread.

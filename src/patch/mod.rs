@@ -12,7 +12,7 @@
 //! - `distance`, [`patch_match`], [`vote`]: the two steps.
 //! - [`rules`]: how the field is constrained: plain, coherent, bidirectional, by an occurrence map, or uniform. `usage`,
 //!   `leftovers` and `exchange` do the last two, `coherence` and `completeness` those before.
-//! - [`engine`]: the loop.
+//! - [`image`], [`engine`]: what goes in and out, and the loop.
 //!
 //! A method says which channels there are, what they weigh, which images are the source and what a frame starts from. For
 //! Kwatra et al. 2005 that is colour and the previous frame carried along the flow; LazyFluids adds alpha, blurred alpha as a
@@ -25,7 +25,9 @@ mod completeness;
 mod distance;
 pub mod engine;
 mod exchange;
+pub mod image;
 mod leftovers;
+mod level;
 pub mod nnf;
 pub mod patch_match;
 pub mod rules;

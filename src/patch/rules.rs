@@ -2,8 +2,8 @@
 
 use super::coherence::Similar;
 use super::completeness::{Completeness, Votes};
-use super::engine::Level;
 use super::exchange;
+use super::level::Level;
 use super::nnf::Nnf;
 use super::patch_match::Sweep;
 use super::usage::{Bounds, Constraint, Usage};

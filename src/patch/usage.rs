@@ -1,8 +1,8 @@
 //! How often source patches are used, and how often they may be (LazyFluids, Eq. 5).
 
 use super::atlas::Place;
-use super::engine::Level;
 use super::leftovers;
+use super::level::Level;
 use super::nnf::{Cell, Nnf};
 use super::segments::SEGMENTS;
 
