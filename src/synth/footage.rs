@@ -19,6 +19,7 @@ use crate::render::blend::{Bands, bands};
 use crate::render::contrast::Contrast;
 use crate::render::layout::BANDS;
 use crate::video::looping::{Blend, Distances, LoopPlan, Part, plan_loop, thumbnail};
+use crate::video::steps::isolated_steps;
 
 /// Most frames of a cross-fade where a loop closes.
 const FADE: usize = 20;
@@ -49,7 +50,7 @@ pub struct Clip {
     /// The frames from the loop's start to its end, where they are kept.
     kept: Option<Vec<Luma>>,
     contrast: Vec<Contrast>,
-    /// Per used scale and jump of the loop: how alike the two frames in the middle of the fade are, band by band.
+    /// Per used scale and pair of frames that the loop mixes ([`LoopPlan::mixed`]): how alike they are, band by band.
     alike: Vec<Vec<[f32; BANDS]>>,
     /// Per used scale: how alike neighbouring frames are, band by band.
     neighbours: Vec<[f32; BANDS]>,
@@ -76,7 +77,7 @@ impl Clip {
         let size = (meta.width as usize, meta.height as usize);
         let searched = (meta.frames as usize).min((SEARCHED * frames).max(SEARCHED * FADE));
         let (mut lumas, thumbnails) = read(pack, clip, searched, observer)?;
-        let plan = plan_loop(&Distances::between(&thumbnails), frames, FADE)?;
+        let plan = plan_loop(&Distances::between(&thumbnails), &isolated_steps(&steps(&lumas)), frames, FADE)?;
         let average = loop_average(&plan, &lumas, size);
         let of_frame = |frame: usize, scale: u8| {
             let mut differences = Plane::zeros(size.0, size.1);
@@ -91,7 +92,7 @@ impl Clip {
             }
         }
         let likeness = |&(a, b): &(usize, usize), scale| correlations(&of_frame(a, scale), &of_frame(b, scale));
-        let alike = |&scale: &u8| plan.middle().iter().map(|pair| likeness(pair, scale)).collect();
+        let alike = |&scale: &u8| plan.mixed().iter().map(|pair| likeness(pair, scale)).collect();
         let alike = scales.iter().map(alike).collect();
         let pairs: Vec<(usize, usize)> =
             (0..PAIRS).map(|k| plan.at(k * frames / PAIRS).a.frame).map(|f| (f, f + 1)).collect();
@@ -115,10 +116,10 @@ impl Clip {
         self.scales.iter().position(|&s| s == scale).map(|i| &self.contrast[i])
     }
 
-    /// Factors of the bands that keep the contrast through a cross-fade: fine detail is unlike between two frames whose
+    /// Factors of the bands that keep the contrast through a mixture: fine detail is unlike between two frames whose
     /// coarse forms are still alike, so each band has its own.
     fn gains(&self, blend: &Blend, scale: u8) -> [f32; BANDS] {
-        let alike = self.scales.iter().position(|&s| s == scale).and_then(|i| self.alike[i].get(blend.jump));
+        let alike = self.scales.iter().position(|&s| s == scale).and_then(|i| self.alike[i].get(blend.pair));
         std::array::from_fn(|band| alike.map_or(1.0, |alike| blend.gain(alike[band])))
     }
 
@@ -158,6 +159,17 @@ pub fn loop_bytes(pack: &Pack, clip: u32, frames: usize) -> u64 {
 fn end(plan: &LoopPlan, searched: usize) -> usize {
     let longest = plan.segments().into_iter().max().unwrap_or(0);
     (plan.start() + longest + plan.fade()).min(searched)
+}
+
+/// Mean absolute differences of neighbouring frames at full size, where a coder's renewed detail shows.
+fn steps(lumas: &[Luma]) -> Vec<f64> {
+    let step = |t: usize| absolute_difference(&lumas[t], &lumas[t + 1]) as f64 / lumas[t].len().max(1) as f64;
+    par::map(lumas.len().saturating_sub(1), step)
+}
+
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn absolute_difference(a: &[u16], b: &[u16]) -> u64 {
+    a.iter().zip(b).map(|(&a, &b)| u64::from(a.abs_diff(b))).sum()
 }
 
 fn rounded(luma: &Plane) -> Luma {

@@ -4,7 +4,8 @@
 //! around its two ends are alike, weighted binomially, so that the motion goes on and not only the picture. Here the
 //! neighbourhood is the cross-fade itself. All jumps go back to one start frame; a clip that is long enough is used
 //! once, a shorter one is gone through several times, each time for as many frames as suits the jump and the sum. No
-//! frame is shown longer or shorter than in the clip, and none backwards.
+//! frame is shown longer or shorter than in the clip, and none backwards. Steps of the clip that stand out alone
+//! ([`crate::video::steps`]) are avoided where that is cheap, and softened by mixing the two frames where it is not.
 
 use crate::base::error::{Error, Kind, Result};
 use crate::base::par;
@@ -22,6 +23,13 @@ const FADE_PER_MEMORY: usize = 3;
 const MIN_SEGMENT: usize = 16;
 /// What a jump costs by itself, where 1 is a jump between unrelated frames: a repetition must make up for it.
 const JUMP_COST: f64 = 0.5;
+/// What a softened step costs.
+const SOFTENED_COST: f64 = 0.25;
+/// What a step costs that stands out within a fade, where it cannot be softened: as much as the worst jump.
+const POP_COST: f64 = 1.0;
+/// Share of the other frame on either side of a softened step. A step of `p` times the usual leaves one of `p / 2`
+/// between two of `√(1 + p² / 16)`: about alike for 2.3.
+const SOFTENED_SHARE: f32 = 0.25;
 
 /// Luma shrunk to 64 pixels on the long side, to compare frames by.
 pub fn thumbnail(luma: &Plane) -> Plane {
@@ -116,10 +124,10 @@ pub struct Part {
 pub struct Blend {
     /// The frame that goes on.
     pub a: Part,
-    /// During a cross-fade, the frame that is left.
+    /// During a cross-fade, the frame that is left; beside a softened step, the frame on the other side of it.
     pub b: Option<Part>,
-    /// Number of the jump that is faded over, where there is a `b`; see [`LoopPlan::middle`].
-    pub jump: usize,
+    /// Number of the jump or the step that is softened, where there is a `b`; see [`LoopPlan::mixed`].
+    pub pair: usize,
 }
 
 impl Blend {
@@ -147,6 +155,8 @@ pub struct LoopPlan {
     fade: usize,
     start: usize,
     segments: Vec<Segment>,
+    /// Steps of the clip that are softened where they are shown outside fades, each named by the frame before it.
+    softened: Vec<usize>,
     worst: f64,
 }
 
@@ -183,29 +193,48 @@ impl LoopPlan {
         let current = self.segments.partition_point(|segment| segment.begin <= t) - 1;
         let k = t - self.segments[current].begin;
         let jump = (current + self.segments.len() - 1) % self.segments.len();
-        let a = self.start + k;
         if k >= self.fade {
-            return Blend { a: Part { frame: a, weight: 1.0 }, b: None, jump };
+            return self.plain(k, self.segments[current].length);
         }
         let w = (k + 1) as f32 / (self.fade + 1) as f32;
         let b = Part { frame: self.start + self.segments[jump].length + k, weight: 1.0 - w };
-        Blend { a: Part { frame: a, weight: w }, b: Some(b), jump }
+        Blend { a: Part { frame: self.start + k, weight: w }, b: Some(b), pair: jump }
     }
 
-    /// The two frames in the middle of the fade over each jump; none where there is no fade.
-    pub fn middle(&self) -> Vec<(usize, usize)> {
+    /// What frame `k` of a segment of `length` frames is made of, after the fade.
+    fn plain(&self, k: usize, length: usize) -> Blend {
+        let frame = self.start + k;
+        let beside = self.softened.iter().enumerate().find_map(|(number, &step)| {
+            let shown = self.start + self.fade <= step && step + 1 < self.start + length;
+            let other = if frame == step { step + 1 } else { step };
+            (shown && (frame == step || frame == step + 1)).then_some((number, other))
+        });
+        let Some((number, other)) = beside else {
+            return Blend { a: Part { frame, weight: 1.0 }, b: None, pair: 0 };
+        };
+        let b = Part { frame: other, weight: SOFTENED_SHARE };
+        Blend { a: Part { frame, weight: 1.0 - SOFTENED_SHARE }, b: Some(b), pair: self.segments.len() + number }
+    }
+
+    /// Pairs of frames that are mixed: the two in the middle of the fade over each jump, then those of each softened
+    /// step. None where there is no fade.
+    pub fn mixed(&self) -> Vec<(usize, usize)> {
+        if self.fade == 0 {
+            return Vec::new();
+        }
         let first = self.start + self.fade / 2;
-        let pair = |segment: &Segment| (first, first + segment.length);
-        if self.fade == 0 { Vec::new() } else { self.segments.iter().map(pair).collect() }
+        let jumps = self.segments.iter().map(|segment| (first, first + segment.length));
+        jumps.chain(self.softened.iter().map(|&step| (step, step + 1))).collect()
     }
 }
 
 /// Plans a loop of `length` frames over a clip, with cross-fades of at most `fade` frames (and a quarter of the clip and
-/// half of the loop; at least 4 where these allow). Quick fluids get shorter ones: see [`Distances::memory`].
+/// half of the loop; at least 4 where these allow). Quick fluids get shorter ones: see [`Distances::memory`]. `pops` are
+/// the steps of the clip that stand out alone, ascending, each named by the frame before it.
 ///
 /// # Errors
 /// A clip or a loop without frames.
-pub fn plan_loop(distances: &Distances, length: usize, fade: usize) -> Result<LoopPlan> {
+pub fn plan_loop(distances: &Distances, pops: &[usize], length: usize, fade: usize) -> Result<LoopPlan> {
     let frames = distances.frames();
     if frames == 0 || length == 0 {
         let problem = format!("{frames} frames cannot become a loop of {length}");
@@ -223,7 +252,8 @@ pub fn plan_loop(distances: &Distances, length: usize, fade: usize) -> Result<Lo
         weights.iter().enumerate().map(squared).sum::<f64>() / unrelated
     };
     let plans = par::map(longest - shortest + 1, |start| {
-        let costs: Vec<f64> = (shortest..=(longest - start).min(length)).map(|l| cost(start, l)).collect();
+        let cost = |l: usize| cost(start, l) + pops_cost(pops, start, l, fade);
+        let costs: Vec<f64> = (shortest..=(longest - start).min(length)).map(cost).collect();
         best_lengths(&costs, shortest, length)
     });
     let best =
@@ -240,7 +270,19 @@ pub fn plan_loop(distances: &Distances, length: usize, fade: usize) -> Result<Lo
     });
     let segments: Vec<Segment> = segments.collect();
     let worst = segments.iter().map(|segment| cost(start, segment.length)).fold(0.0, f64::max).sqrt();
-    Ok(LoopPlan { length, fade, start, segments, worst })
+    let longest = segments.iter().map(|segment| segment.length).max().unwrap_or(0);
+    let softened = pops.iter().copied().filter(|&pop| fade > 0 && start + fade <= pop && pop + 1 < start + longest);
+    Ok(LoopPlan { length, fade, start, softened: softened.collect(), segments, worst })
+}
+
+/// What the steps that stand out cost a segment of `length` frames from `start` on, with the fades at its two ends.
+fn pops_cost(pops: &[usize], start: usize, length: usize, fade: usize) -> f64 {
+    let of = |&pop: &usize| match pop.checked_sub(start) {
+        Some(step) if step < fade || (length - 1..length - 1 + fade).contains(&step) => POP_COST,
+        Some(step) if step + 1 < length => SOFTENED_COST,
+        _ => 0.0,
+    };
+    pops.iter().map(of).sum()
 }
 
 /// Lengths with sum `total` whose costs (of `shortest`, `shortest + 1`…) and jumps are least in sum, with that sum.
@@ -278,6 +320,7 @@ fn binomial(count: usize) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::base::rng;
+    use crate::video::steps::isolated_steps;
 
     /// Smooth noise that moves: a wide strip of blurred noise seen through a window moving by `step` pixels a frame,
     /// repeating every `period` pixels.
@@ -306,8 +349,8 @@ mod tests {
     fn render(frames: &[Plane], mean: &Plane, plan: &LoopPlan, t: usize) -> Plane {
         let blend = plan.at(t);
         let of = |frame: usize| minus(&frames[frame], mean);
-        let correlations: Vec<f64> = plan.middle().iter().map(|&(a, b)| cosine(&of(a), &of(b))).collect();
-        let gain = blend.b.map_or(1.0, |_| blend.gain(correlations[blend.jump] as f32));
+        let correlations: Vec<f64> = plan.mixed().iter().map(|&(a, b)| cosine(&of(a), &of(b))).collect();
+        let gain = blend.b.map_or(1.0, |_| blend.gain(correlations[blend.pair] as f32));
         let mut out = mean.clone();
         for part in [Some(blend.a), blend.b].into_iter().flatten() {
             let pixels = out.data.iter_mut().zip(&frames[part.frame].data).zip(&mean.data);
@@ -334,7 +377,7 @@ mod tests {
         let frames = moving_texture(90, 2.0, 40); // repeats every 20 frames
         let distances = Distances::between(&frames);
         for length in [60, 120, 100, 240] {
-            let plan = plan_loop(&distances, length, 8).unwrap();
+            let plan = plan_loop(&distances, &[], length, 8).unwrap();
             assert!(plan.segments().iter().all(|l| l % 20 == 0), "{length}: {:?}", plan.segments());
             assert!(plan.worst_jump() < 1e-3);
             // Equal frames are not made stronger by the fade.
@@ -348,12 +391,77 @@ mod tests {
         let (mean, distances) = (mean_of(&frames), Distances::between(&frames));
         let step = frames.windows(2).map(|w| rms(&w[0], &w[1])).fold(0.0, f64::max);
         for length in [60, 120, 135, 300] {
-            let plan = plan_loop(&distances, length, 12).unwrap();
+            let plan = plan_loop(&distances, &[], length, 12).unwrap();
             let out: Vec<Plane> = (0..=length).map(|t| render(&frames, &mean, &plan, t)).collect();
             assert_eq!(out[0], out[length]);
             let jump = out.windows(2).map(|w| rms(&w[0], &w[1])).fold(0.0, f64::max);
             assert!(jump < 1.05 * step, "{length}: {jump} against {step}");
         }
+    }
+
+    /// A moving texture under detail that stands still and is renewed after each of the frames given.
+    fn renewed(frames: usize, pops: &[usize]) -> Vec<Plane> {
+        let mut all = moving_texture(frames, 0.5, 100_003);
+        for (t, frame) in all.iter_mut().enumerate() {
+            let epoch = pops.iter().filter(|&&pop| t > pop).count() as u64;
+            let detail = (0u64..).map(|i| rng::unit(rng::hash(11, &[epoch, i])) - 0.5);
+            frame.data.iter_mut().zip(detail).for_each(|(value, detail)| *value += 0.12 * detail);
+        }
+        all
+    }
+
+    fn steps(frames: &[Plane]) -> Vec<f64> {
+        frames.windows(2).map(|w| rms(&w[0], &w[1])).collect()
+    }
+
+    /// Greatest step of a loop over the median of its steps.
+    fn roughness(frames: &[Plane], plan: &LoopPlan) -> f64 {
+        let mean = mean_of(frames);
+        let mut steps = steps(&(0..=plan.length()).map(|t| render(frames, &mean, plan, t)).collect::<Vec<_>>());
+        steps.sort_by(f64::total_cmp);
+        steps[steps.len() - 1] / steps[steps.len() / 2]
+    }
+
+    #[test]
+    fn a_lone_step_is_avoided_where_the_clip_is_long_enough() {
+        for pops in [vec![40], vec![140], vec![20, 170], vec![40, 150]] {
+            let frames = renewed(200, &pops);
+            let found = isolated_steps(&steps(&frames));
+            assert_eq!(found, pops);
+            let plan = plan_loop(&Distances::between(&frames), &found, 80, 8).unwrap();
+            let shown = plan.start()..plan.start() + 80 + plan.fade() - 1;
+            assert!(!pops.iter().any(|pop| shown.contains(pop)), "{pops:?}: {shown:?}");
+            assert!(roughness(&frames, &plan) < 1.5, "{pops:?}: {}", roughness(&frames, &plan));
+        }
+    }
+
+    #[test]
+    fn a_lone_step_is_softened_where_it_must_be_shown() {
+        for (length, pops) in [(50, vec![30]), (150, vec![25]), (100, vec![20, 40])] {
+            let frames = renewed(64, &pops);
+            let (distances, found) = (Distances::between(&frames), isolated_steps(&steps(&frames)));
+            assert_eq!(found, pops);
+            let rough = roughness(&frames, &plan_loop(&distances, &[], length, 8).unwrap());
+            let plan = plan_loop(&distances, &found, length, 8).unwrap();
+            let soft = roughness(&frames, &plan);
+            assert!(rough > 1.8 && soft < 1.5, "{length}: {rough} to {soft}");
+            for t in 0..length {
+                assert!(plan.at(t).b.is_none_or(|b| b.frame < 64) && plan.at(t).pair < plan.mixed().len());
+            }
+        }
+    }
+
+    #[test]
+    fn bursts_of_motion_are_no_lone_steps() {
+        // Twice as fast for some frames, every now and then.
+        let all = moving_texture(260, 0.5, 100_003);
+        let mut place = 0;
+        let places = (0..150).map(|t| {
+            place += if t % 37 < 4 { 2 } else { 1 };
+            place
+        });
+        let frames: Vec<Plane> = places.map(|place| all[place].clone()).collect();
+        assert!(isolated_steps(&steps(&frames)).is_empty());
     }
 
     #[test]
@@ -362,7 +470,7 @@ mod tests {
             |t: usize| Plane::from_fn(64, 64, |x, y| rng::unit(rng::hash(3, &[t as u64, x as u64, y as u64])) - 0.5);
         let frames: Vec<Plane> = (0..80).map(noise).collect();
         let mean = mean_of(&frames);
-        let plan = plan_loop(&Distances::between(&frames), 60, 11).unwrap();
+        let plan = plan_loop(&Distances::between(&frames), &[], 60, 11).unwrap();
         let contrast = |plane: &Plane| rms(plane, &mean);
         let plain = contrast(&render(&frames, &mean, &plan, 30));
         for t in 0..plan.fade() {
@@ -375,7 +483,7 @@ mod tests {
     fn quick_fluids_get_short_fades() {
         let fade = |step: f64| {
             let frames = moving_texture(120, step, 100_003);
-            plan_loop(&Distances::between(&frames), 60, 20).unwrap().fade()
+            plan_loop(&Distances::between(&frames), &[], 60, 20).unwrap().fade()
         };
         assert_eq!(fade(0.2), 20);
         assert!(fade(1.0) < 15 && fade(1.0) > fade(4.0), "{} {}", fade(1.0), fade(4.0));
@@ -388,7 +496,7 @@ mod tests {
         let noise =
             |t: usize| Plane::from_fn(16, 16, |x, y| rng::unit(rng::hash(5, &[pattern(t) as u64, x as u64, y as u64])));
         let frames: Vec<Plane> = (0..200).map(noise).collect();
-        let plan = plan_loop(&Distances::between(&frames), 60, 8).unwrap();
+        let plan = plan_loop(&Distances::between(&frames), &[], 60, 8).unwrap();
         assert_eq!(plan.segments(), [60]);
         assert!((20..32).contains(&plan.start()), "{}", plan.start());
         assert!(plan.worst_jump() < 0.3);
@@ -400,7 +508,7 @@ mod tests {
         for frames in [1, 2, 3, 5, 8, 16, 17, 40, 50] {
             let distances = Distances::between(&all[..frames]);
             for length in (1..40).chain([99, 120, 250]) {
-                let plan = plan_loop(&distances, length, 12).unwrap();
+                let plan = plan_loop(&distances, &[], length, 12).unwrap();
                 assert_eq!(plan.segments().iter().sum::<usize>(), length);
                 for t in 0..length {
                     let (now, next) = (plan.at(t), plan.at(t + 1));
@@ -411,8 +519,8 @@ mod tests {
                 }
             }
         }
-        assert!(plan_loop(&Distances::between(&[]), 10, 4).is_err());
-        assert!(plan_loop(&Distances::between(&all), 0, 4).is_err());
+        assert!(plan_loop(&Distances::between(&[]), &[], 10, 4).is_err());
+        assert!(plan_loop(&Distances::between(&all), &[], 0, 4).is_err());
     }
 
     #[test]

@@ -21,6 +21,7 @@ pub mod png_folder;
 pub mod scale;
 pub mod sink;
 pub mod source;
+pub mod steps;
 pub mod vp9;
 pub mod webm;
 mod webp_writer;
