@@ -193,7 +193,8 @@ fn lazyfluids(name: &str, exemplar: &[Plane; 4], ten: bool) -> Result<()> {
         };
         let modulation = last.is_none().then(|| Plane::zeros(side, side));
         let previous = field.as_ref().map(|f| f.carried(turned));
-        let target = Target { modulation, previous, ..Target::new(image(&before, alpha, &before)) };
+        let kept = last.as_ref().map(|_| Plane::filled(side, side, 1.0));
+        let target = Target { modulation, kept, previous, ..Target::new(image(&before, alpha, &before)) };
         let (frame, cpu, wall) = timed(|| engine.frame(&source, &target, &Silent));
         let frame = frame?;
         print(&format!("frame {number}: {cpu:.2} s of CPU, {wall:.2} s"), &frame);

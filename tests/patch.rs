@@ -106,7 +106,7 @@ fn where_alpha_is_nothing_nothing_is_made_and_edges_are_soft() {
     };
     let with = |w: usize, h: usize| Image { planes: vec![alpha(w, h)], blurred: Some(alpha(w, h)) };
     let source = engine.source(&[with(60, 60)]).unwrap();
-    let all = Target { image: with(90, 72), modulation: None, anchor: None, previous: None };
+    let all = Target { image: with(90, 72), modulation: None, kept: None, anchor: None, previous: None };
     let frame = engine.frame(&source, &all, &Silent).unwrap();
     assert_eq!(frame.planes[0].at(3, 3), 0.0);
     assert!(frame.planes[0].at(45, 36) > 0.95);
@@ -161,7 +161,8 @@ fn turned(engine: &Engine, exemplar: &Plane, size: usize, frames: usize, angle: 
             last.bilinear(middle + cos * x + sin * y, middle + cos * y - sin * x)
         });
         let modulation = (number == 0).then(|| Plane::zeros(size, size));
-        let target = Target { image: image(vec![before.clone(), before]), modulation, anchor: None, previous: None };
+        let kept = (number > 0).then(|| Plane::filled(size, size, 1.0));
+        let target = Target { modulation, kept, ..target(vec![before.clone(), before]) };
         last = engine.frame(&source, &target, &Silent).unwrap().planes.remove(0);
     }
     last
@@ -200,6 +201,7 @@ fn a_field_carried_on_starts_the_next_frame_near_its_end() {
     let first = Target {
         image: image(vec![noise(64, 64); 2]),
         modulation: Some(Plane::zeros(64, 64)),
+        kept: None,
         anchor: None,
         previous: None,
     };
@@ -208,10 +210,46 @@ fn a_field_carried_on_starts_the_next_frame_near_its_end() {
     let moved = Plane::from_fn(64, 64, |x, y| before.at(x.saturating_sub(1), y));
     let field = first.nnf.carried(|x, y| (x as f32 - 0.5, y as f32 + 0.5));
     let start = |previous| {
-        let second = Target { image: image(vec![moved.clone(); 2]), modulation: None, anchor: None, previous };
+        let second =
+            Target { image: image(vec![moved.clone(); 2]), modulation: None, kept: None, anchor: None, previous };
         engine.frame(&source, &second, &Silent).unwrap().levels[0].energies[0]
     };
     assert!(start(Some(field)) < 0.8 * start(None));
+}
+
+#[test]
+fn what_is_shown_follows_the_flow() {
+    // Round the middle, about a pixel a frame.
+    let was = |x: usize, y: usize| {
+        let (dx, dy) = (x as f32 + 0.5 - 48.0, y as f32 + 0.5 - 48.0);
+        let (sin, cos) = 0.04f32.sin_cos();
+        (48.0 + dx * cos + dy * sin, 48.0 + dy * cos - dx * sin)
+    };
+    let exemplar = texture(60, 60, 0);
+    for rule in [Rule::Plain, Rule::Uniform] {
+        let engine = chained(rule, 0.2);
+        let source = engine.source(&[image(vec![exemplar.clone(), exemplar.clone()])]).unwrap();
+        let first = Target { modulation: Some(Plane::zeros(96, 96)), ..target(vec![noise(96, 96); 2]) };
+        let mut last = engine.frame(&source, &first, &Silent).unwrap();
+        let (mut followed, mut stayed) = (0.0, 0.0);
+        for _ in 0..5 {
+            let shown = last.planes[0].clone();
+            let before = Plane::from_fn(96, 96, |x, y| {
+                let (x, y) = was(x, y);
+                shown.bilinear(x, y)
+            });
+            let (kept, previous) = (Some(Plane::filled(96, 96, 1.0)), Some(last.nnf.carried(was)));
+            let next = Target { kept, previous, ..target(vec![before.clone(); 2]) };
+            last = engine.frame(&source, &next, &Silent).unwrap();
+            let error = |other: &Plane| {
+                let squares = last.planes[0].data.iter().zip(&other.data).map(|(a, b)| (a - b).powi(2));
+                squares.sum::<f32>()
+            };
+            followed += error(&before);
+            stayed += error(&shown);
+        }
+        assert!(followed < 0.15 * stayed, "{rule:?}: {followed} {stayed}");
+    }
 }
 
 #[test]

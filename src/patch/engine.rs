@@ -123,7 +123,7 @@ impl Engine {
                 Some((coarser, nnf, _)) => nnf.refined(coarser.atlas, &level.target, level.atlas, level.seed),
             };
             if !level.coarsest {
-                level.vote(&nnf, &rules);
+                level.start(&nnf, &rules, levels.kept(n));
             }
             if let Some(previous) = &target.previous {
                 nnf.merge(&level.search(), &previous.coarsened(source.atlas(), n, &level.target, level.atlas));
@@ -208,13 +208,14 @@ impl Engine {
         (0..count).map(level).unzip()
     }
 
-    /// Refuses modulation, anchor or field that do not fit a target of `size`.
+    /// Refuses modulation, kept part, anchor or field that do not fit a target of `size`.
     fn check_companions(&self, size: (usize, usize), target: &Target) -> Result<()> {
         let anchor = target.anchor.iter().flat_map(|a| a.planes.iter().chain([&a.weight]));
-        let planes = target.modulation.iter().chain(anchor).map(|p| (p.width, p.height));
+        let planes = target.modulation.iter().chain(&target.kept).chain(anchor).map(|p| (p.width, p.height));
         let field = target.previous.iter().map(|f| (f.width, f.cells.len() / f.width.max(1)));
         if let Some(other) = planes.chain(field).find(|&other| other != size) {
-            let problem = format!("modulation, anchor or previous field of {} × {} pixels", other.0, other.1);
+            let problem =
+                format!("modulation, kept part, anchor or previous field of {} × {} pixels", other.0, other.1);
             return Err(
                 Error::new(Kind::Usage, "target", problem).allowed(format!("{} × {}, as its image", size.0, size.1))
             );

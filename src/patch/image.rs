@@ -67,6 +67,10 @@ pub struct Target {
     pub image: Image,
     /// Weight of the modulated channels at every pixel, in [0, 1]; full without it.
     pub modulation: Option<Plane>,
+    /// Where what the synthesised channels start from is kept as the start of every level, in [0, 1]; elsewhere, and
+    /// everywhere without it, finer levels start from coarser ones. A frame that follows another needs it: patches lie on
+    /// whole pixels, and on a coarse level a motion of a few pixels is less than half of one and lost.
+    pub kept: Option<Plane>,
     /// What the synthesised channels are held to besides.
     pub anchor: Option<Anchor>,
     /// The field of the previous frame, carried to where its patches are now.
@@ -76,7 +80,7 @@ pub struct Target {
 impl Target {
     /// Guides and start alone.
     pub fn new(image: Image) -> Self {
-        Self { image, modulation: None, anchor: None, previous: None }
+        Self { image, modulation: None, kept: None, anchor: None, previous: None }
     }
 }
 

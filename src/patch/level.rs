@@ -47,6 +47,19 @@ impl Level<'_> {
         self.target.stack = stack;
     }
 
+    /// Starts from what a coarser level's field says, and from the target's own channels where they are kept.
+    pub fn start(&mut self, nnf: &Nnf, rules: &Rules, kept: Option<&[u8]>) {
+        let own = self.target.stack.clone();
+        self.vote(nnf, rules);
+        let (channels, synthesised) = (own.channels, self.layout.synthesised());
+        let pixels = self.target.stack.bytes_mut().chunks_exact_mut(channels);
+        for ((pixel, own), &step) in pixels.zip(own.bytes().chunks_exact(channels)).zip(kept.unwrap_or_default()) {
+            let share = f32::from(step.min(MODULATION)) / f32::from(MODULATION);
+            let mixed = |a: u8, b: u8| (f32::from(a) + share * (f32::from(b) - f32::from(a)) + 0.5) as u8;
+            pixel[..synthesised].iter_mut().zip(own).for_each(|(p, &o)| *p = mixed(*p, o));
+        }
+    }
+
     /// The energy of a field whose distances are known: those, and what the anchor adds.
     pub fn energy(&self, nnf: &Nnf) -> f64 {
         let held = self.anchor.as_ref().map_or(0.0, |anchor| anchor.energy(self.layout, &self.target.stack));
@@ -77,6 +90,7 @@ impl Level<'_> {
 pub(super) struct Levels {
     layers: Vec<Layers>,
     modulation: Option<Vec<Vec<u8>>>,
+    kept: Option<Vec<Vec<u8>>>,
     anchors: Vec<Option<Anchor>>,
 }
 
@@ -86,6 +100,7 @@ impl Levels {
         Self {
             layers: target.image.pyramid(count),
             modulation: target.modulation.as_ref().map(|m| modulation_pyramid(m, count)),
+            kept: target.kept.as_ref().map(|k| modulation_pyramid(k, count)),
             anchors: anchor_pyramid(target.anchor.as_ref(), count),
         }
     }
@@ -100,6 +115,11 @@ impl Levels {
     /// The modulation of level `n`.
     pub fn steps(&self, n: usize) -> Option<Vec<u8>> {
         self.modulation.as_ref().map(|m| m[n].clone())
+    }
+
+    /// Where level `n` starts from the target's own synthesised channels, in steps.
+    pub fn kept(&self, n: usize) -> Option<&[u8]> {
+        self.kept.as_ref().map(|k| &k[n][..])
     }
 
     /// The anchor of level `n`.
