@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use enliven::base::error::Result;
 use enliven::cli::common::{Common, exit};
-use enliven::cli::{animate, demo, measure, methods};
+use enliven::cli::{animate, demo, measure, methods, simulate};
 
 /// Bring a still picture of water, fire or smoke to life.
 #[derive(Parser)]
@@ -23,6 +23,7 @@ enum Command {
     Animate(Box<animate::Animate>),
     Measure(measure::Measure),
     Methods(methods::Methods),
+    Simulate(simulate::Simulate),
 }
 
 fn run(cli: &Cli) -> Result<()> {
@@ -32,6 +33,7 @@ fn run(cli: &Cli) -> Result<()> {
         Command::Animate(command) => command.run(&terminal),
         Command::Measure(command) => command.run(&terminal),
         Command::Methods(command) => command.run(),
+        Command::Simulate(command) => command.run(&terminal),
     }
 }
 

@@ -332,7 +332,7 @@ fn scene_files_are_refused_with_key_or_line() {
         ),
         ("picture = 'picture.png'\n[database]\nsigma = -3", &["scene.toml: database.sigma: -3 is out of range"]),
         ("picture = 'picture.png'\n[databose]\nsigma = 3", &["scene.toml: databose: no such key", "\"database\"?"]),
-        ("picture = 'picture.png'\n[database]\nsigma = [3]", &["scene.toml: ", "an option of a method is a number"]),
+        ("picture = 'picture.png'\n[database]\nsigma = [3]", &["scene.toml: ", "an option is a number"]),
         ("[motion]\ndirection = 90\n\npicture = picture.png", &["scene.toml: line 4: ", "quoted"]),
         ("picture = 'picture.png'\n[output]\nframes = 'x'", &["scene.toml: ", "a whole number", "output.frames"]),
         ("matte = 'matte.png'", &["picture: no picture given"]),

@@ -142,13 +142,19 @@ impl AtomicFolder {
         &self.target
     }
 
-    /// Writes the file `name` into the folder and flushes it to the disk.
+    /// Where `name` lies until the commit, for who writes a file of his own into the folder.
+    pub fn inside(&self, name: &str) -> PathBuf {
+        self.temporary.join(name)
+    }
+
+    /// Writes the file `name` into the folder and flushes it to the disk; makes the folder within it that `name` asks for.
     ///
     /// # Errors
     /// When the disk is full or the system refuses.
     pub fn write(&self, name: &str, bytes: &[u8]) -> Result<()> {
         let path = self.temporary.join(name);
         let write = || -> io::Result<()> {
+            fs::create_dir_all(parent(&path))?;
             let mut file = File::options().write(true).create_new(true).open(&path)?;
             file.write_all(bytes)?;
             file.sync_data()
@@ -181,7 +187,7 @@ impl AtomicFolder {
     /// When something that is not ours came into the target folder meanwhile, or the system refuses; the older folder
     /// is then still there.
     pub fn commit(mut self) -> Result<()> {
-        sync_folder(&self.temporary)?;
+        sync_tree(&self.temporary)?;
         check_replaceable(&self.target, self.ours)?;
         let old = self.target.is_dir().then(|| temporary_neighbour(&self.target)).transpose()?;
         let rename = |from: &Path, to: &Path| fs::rename(from, to).map_err(|e| Error::io(&self.target, "rename", e));
@@ -196,7 +202,9 @@ impl AtomicFolder {
         }
         self.committed = true;
         sync_folder(parent(&self.target))?;
-        old.map_or(Ok(()), |old| remove_ours(&old, self.ours).map_err(|e| Error::io(&old, "remove the old frames", e)))
+        old.map_or(Ok(()), |old| {
+            remove_ours(&old, "", self.ours).map_err(|e| Error::io(&old, "remove the old frames", e))
+        })
     }
 }
 
@@ -259,6 +267,17 @@ fn sync_folder(folder: &Path) -> Result<()> {
     File::open(folder).and_then(|f| f.sync_all()).map_err(|e| Error::io(folder, "flush the folder", e))
 }
 
+/// [`sync_folder`] for a folder and the folders within it.
+fn sync_tree(folder: &Path) -> Result<()> {
+    let list = || -> io::Result<Vec<fs::DirEntry>> { fs::read_dir(folder)?.collect() };
+    for entry in list().map_err(|e| Error::io(folder, "list", e))? {
+        if entry.file_type().is_ok_and(|t| t.is_dir()) {
+            sync_tree(&entry.path())?;
+        }
+    }
+    sync_folder(folder)
+}
+
 /// An error unless `target` is free, or a folder with nothing in it but files that are `ours`.
 fn check_replaceable(target: &Path, ours: fn(&str) -> bool) -> Result<()> {
     let metadata = match fs::symlink_metadata(target) {
@@ -268,27 +287,44 @@ fn check_replaceable(target: &Path, ours: fn(&str) -> bool) -> Result<()> {
     if !metadata.is_dir() {
         return Err(Error::file(Kind::Io, target, "is not a folder").remedy("remove it, or write to another folder"));
     }
-    let refuse = |name: &str| {
-        Error::file(Kind::Io, target, format!("holds {name}, which is not a numbered frame, so it is not replaced"))
-            .allowed("a new or empty folder, or one with nothing but frames of an earlier run")
-            .remedy("write to another folder")
-    };
-    for entry in fs::read_dir(target).map_err(|e| Error::io(target, "list", e))? {
-        let entry = entry.map_err(|e| Error::io(target, "list", e))?;
-        let name = entry.file_name().to_string_lossy().into_owned();
-        let file = entry.file_type().map_err(|e| Error::io(target, "list", e))?.is_file();
-        if !file || !ours(&name) {
-            return Err(refuse(&name));
+    match foreign(target, "", ours).map_err(|e| Error::io(target, "list", e))? {
+        None => Ok(()),
+        Some(name) => Err(Error::file(
+            Kind::Io,
+            target,
+            format!("holds {name}, which is not a numbered frame, so it is not replaced"),
+        )
+        .allowed("a new or empty folder, or one with nothing but frames of an earlier run")
+        .remedy("write to another folder")),
+    }
+}
+
+/// The first thing below `folder` that is not `ours`; `prefix` is its name within the whole.
+fn foreign(folder: &Path, prefix: &str, ours: fn(&str) -> bool) -> io::Result<Option<String>> {
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let sort = entry.file_type()?;
+        let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+        if sort.is_dir() && ours(&format!("{name}/")) {
+            if let Some(found) = foreign(&entry.path(), &format!("{name}/"), ours)? {
+                return Ok(Some(found));
+            }
+        } else if !sort.is_file() || !ours(&name) {
+            return Ok(Some(name));
         }
     }
-    Ok(())
+    Ok(None)
 }
 
 /// Removes the files of ours and then the folder, which fails, losing nothing, when anything else is in it.
-fn remove_ours(folder: &Path, ours: fn(&str) -> bool) -> io::Result<()> {
+fn remove_ours(folder: &Path, prefix: &str, ours: fn(&str) -> bool) -> io::Result<()> {
     for entry in fs::read_dir(folder)? {
         let entry = entry?;
-        if entry.file_type()?.is_file() && ours(&entry.file_name().to_string_lossy()) {
+        let sort = entry.file_type()?;
+        let name = format!("{prefix}{}", entry.file_name().to_string_lossy());
+        if sort.is_dir() && ours(&format!("{name}/")) {
+            remove_ours(&entry.path(), &format!("{name}/"), ours)?;
+        } else if sort.is_file() && ours(&name) {
             fs::remove_file(entry.path())?;
         }
     }
@@ -380,6 +416,24 @@ mod tests {
         let content = [0, 1, 2, 3].map(|i| fs::read(target.join(format!("{i:05}.png"))).unwrap()[0]);
         assert_eq!(content, [2, 3, 3, 1]);
         assert_eq!(names(folder.path()), ["out"]);
+    }
+
+    #[test]
+    fn a_folder_of_folders_is_replaced_like_one() {
+        let ours = |name: &str| ["inner/", "inner/a", "b"].contains(&name);
+        let folder = tempfile::tempdir().unwrap();
+        let target = folder.path().join("out");
+        for content in [b"1", b"2"] {
+            let tree = AtomicFolder::create(&target, ours).unwrap();
+            tree.write("inner/a", content).unwrap();
+            fs::write(tree.inside("b"), content).unwrap();
+            tree.commit().unwrap();
+        }
+        assert_eq!(fs::read(target.join("inner/a")).unwrap(), b"2");
+        assert_eq!((names(folder.path()), names(&target)), (vec!["out".to_owned()], vec!["b".into(), "inner".into()]));
+        fs::write(target.join("inner/mine"), "").unwrap();
+        let error = AtomicFolder::create(&target, ours).unwrap_err();
+        assert!(error.to_string().contains("holds inner/mine"), "{error}");
     }
 
     #[test]

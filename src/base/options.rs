@@ -212,6 +212,22 @@ pub fn unknown(owner: &str, key: &str, known: &[&str]) -> Error {
     }
 }
 
+/// What is wrong with a TOML file of the text `text` and in which line, in words for people.
+pub fn explain(error: &toml::de::Error, text: &str) -> String {
+    let line = error.span().map(|s| text.get(..s.start).unwrap_or_default().matches('\n').count() + 1);
+    let said = if line.is_some() { error.message().to_owned() } else { error.to_string() };
+    if said.contains("untagged enum Value") {
+        return "an option is a number, true or false, or a word".to_owned();
+    }
+    let words = said.split_whitespace().map(|word| match word.trim_end_matches(',') {
+        "usize" | "u64" => "a whole number",
+        "f32" => "a number",
+        _ => word,
+    });
+    let said = words.collect::<Vec<_>>().join(" ");
+    line.map_or(said.clone(), |line| format!("line {line}: {said}"))
+}
+
 /// The known name nearest to `name` by edit distance, when it is near enough to be meant.
 pub fn nearest<'a>(name: &str, known: &[&'a str]) -> Option<&'a str> {
     let best = known.iter().map(|&k| (distance(name, k), k)).min()?;

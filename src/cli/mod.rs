@@ -5,3 +5,4 @@ pub mod common;
 pub mod demo;
 pub mod measure;
 pub mod methods;
+pub mod simulate;

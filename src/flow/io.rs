@@ -70,11 +70,11 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Field> {
     Ok(field)
 }
 
-/// Writes a `.flo` file: complete under `path` or not at all.
+/// The bytes of a `.flo` file; `path` is for the messages.
 ///
 /// # Errors
-/// A field without pixels or with a side beyond [`MAX_SIDE`]; what the system refuses.
-pub fn write(path: &Path, field: &Field) -> Result<()> {
+/// A field without pixels or with a side beyond [`MAX_SIDE`].
+pub fn encode(path: &Path, field: &Field) -> Result<Vec<u8>> {
     let (width, height) = (field.width(), field.height());
     if !(1..=MAX_SIDE).contains(&width) || !(1..=MAX_SIDE).contains(&height) {
         return Err(Error::file(Kind::Limit, path, format!("a field of {width} x {height} pixels"))
@@ -88,6 +88,15 @@ pub fn write(path: &Path, field: &Field) -> Result<()> {
         bytes.extend_from_slice(&u.to_le_bytes());
         bytes.extend_from_slice(&v.to_le_bytes());
     }
+    Ok(bytes)
+}
+
+/// Writes a `.flo` file: complete under `path` or not at all.
+///
+/// # Errors
+/// Those of [`encode`]; what the system refuses.
+pub fn write(path: &Path, field: &Field) -> Result<()> {
+    let bytes = encode(path, field)?;
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(format!(".{}.partial", std::process::id()));
     let partial = path.with_file_name(name);

@@ -94,6 +94,24 @@ pub fn write_grey_png(path: &Path, plane: &Plane) -> Result<()> {
     atomic_file::write(path, &bytes)
 }
 
+/// A 16-bit grey PNG in memory of values in [0, 1], clamped; plain numbers, without a colour space.
+///
+/// # Errors
+/// A plane without pixels.
+pub fn encode_deep_grey_png(plane: &Plane) -> Result<Vec<u8>, png::EncodingError> {
+    let data: Vec<u8> =
+        plane.data.iter().flat_map(|v| ((v.clamp(0.0, 1.0) * 65535.0 + 0.5) as u16).to_be_bytes()).collect();
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, plane.width as u32, plane.height as u32);
+    encoder.set_color(png::ColorType::Grayscale);
+    encoder.set_depth(png::BitDepth::Sixteen);
+    encoder.set_compression(png::Compression::Fast);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(&data)?;
+    writer.finish()?;
+    Ok(bytes)
+}
+
 /// An 8-bit RGB PNG in memory, tagged sRGB.
 ///
 /// # Errors
@@ -205,6 +223,9 @@ mod tests {
         let plane = Plane::from_fn(4, 3, |x, y| (x + 4 * y) as f32 / 255.0);
         write_grey_png(&grey, &plane).unwrap();
         assert_eq!(read_grey(&grey).unwrap(), plane);
+        let deep = Plane::from_fn(5, 3, |x, y| (x * 4099 + y * 257) as f32 / 65535.0);
+        std::fs::write(&grey, encode_deep_grey_png(&deep).unwrap()).unwrap();
+        assert_eq!(read_grey(&grey).unwrap(), deep);
     }
 
     #[test]

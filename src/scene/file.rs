@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::{Deserialize, Serialize};
 
 use crate::base::error::{Error, Kind, Result};
-use crate::base::options::{Table, Value, refuse_unknown, unknown};
+use crate::base::options::{Table, Value, explain, refuse_unknown, unknown};
 
 /// Keys of a scene file outside its tables.
 pub const KEYS: [&str; 10] =
@@ -158,20 +158,4 @@ pub fn set(scene: &mut SceneFile, text: &str) -> Result<()> {
     let table = scene.options.entry(method.trim().to_owned()).or_default();
     table.insert(key.trim().to_owned(), Value::parse(value));
     Ok(())
-}
-
-/// What is wrong with a scene file and in which line, in words for people.
-fn explain(error: &toml::de::Error, text: &str) -> String {
-    let line = error.span().map(|s| text.get(..s.start).unwrap_or_default().matches('\n').count() + 1);
-    let said = if line.is_some() { error.message().to_owned() } else { error.to_string() };
-    if said.contains("untagged enum Value") {
-        return "an option of a method is a number, true or false, or a word".to_owned();
-    }
-    let words = said.split_whitespace().map(|word| match word.trim_end_matches(',') {
-        "usize" | "u64" => "a whole number",
-        "f32" => "a number",
-        _ => word,
-    });
-    let said = words.collect::<Vec<_>>().join(" ");
-    line.map_or(said.clone(), |line| format!("line {line}: {said}"))
 }
