@@ -69,7 +69,8 @@ pub struct Target {
     pub modulation: Option<Plane>,
     /// Where what the synthesised channels start from is kept as the start of every level, in [0, 1]; elsewhere, and
     /// everywhere without it, finer levels start from coarser ones. A frame that follows another needs it: patches lie on
-    /// whole pixels, and on a coarse level a motion of a few pixels is less than half of one and lost.
+    /// whole pixels, and on a coarse level a motion of a few pixels is less than half of one and lost. Less than half a pixel
+    /// of the finest level a frame is lost even so, and has to be saved up by the caller.
     pub kept: Option<Plane>,
     /// What the synthesised channels are held to besides.
     pub anchor: Option<Anchor>,
