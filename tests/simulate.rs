@@ -78,6 +78,23 @@ fn a_folder_holds_all_and_runs_again_with_the_same_bytes_on_any_number_of_thread
 }
 
 #[test]
+fn the_command_tells_what_it_did_and_refuses_with_a_code() {
+    let (folder, path) = folder(WATER);
+    let run = |file: &Path| {
+        let mut command = assert_cmd::Command::cargo_bin("enliven").unwrap();
+        command.args(["simulate", "--json", "-o"]).arg(folder.path().join("out")).arg(file).output().unwrap()
+    };
+    let done = run(&path);
+    let summary: serde_json::Value = serde_json::from_slice(&done.stdout).unwrap();
+    assert!(done.status.success() && summary["frames"] == 3 && summary["mode"] == "water", "{summary}");
+    fs::write(&path, "frams = 3").unwrap();
+    let refused = run(&path);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(String::from_utf8(refused.stderr).unwrap().contains("did you mean \"frames\"?"));
+    assert_eq!(run(&folder.path().join("none.toml")).status.code(), Some(1));
+}
+
+#[test]
 fn water_has_heights() {
     let (folder, path) = folder(WATER);
     let out = folder.path().join("out");

@@ -100,15 +100,22 @@ impl Emitter {
         if self.file.flicker == 0.0 {
             return 1.0;
         }
-        let at = [x as f32 / PATCH.0, y as f32 / PATCH.0, frame / PATCH.1];
+        // Two lattices at an angle to the pixels and to each other hide each other's lines.
+        let (x, y, t) = (x as f32 / PATCH.0, y as f32 / PATCH.0, frame / PATCH.1);
+        let noise = 0.5 * self.noise([0.8 * x + 0.6 * y, 0.8 * y - 0.6 * x, t], 0)
+            + 0.5 * self.noise([0.28 * x - 0.96 * y, 0.28 * y + 0.96 * x, t + 0.5], 1);
+        1.0 + self.file.flicker * (2.0 * noise - 1.0)
+    }
+
+    /// Values in [0, 1) at whole places, smooth between them.
+    fn noise(&self, at: [f32; 3], layer: u64) -> f32 {
         let between = at.map(|v| smooth(v - v.floor()));
         let corner = |i: u64| {
-            let place: [u64; 3] = std::array::from_fn(|k| at[k] as u64 + (i >> k & 1));
+            let [x, y, t] = std::array::from_fn(|k| (at[k].floor() as i64 + (i >> k & 1) as i64) as u64);
             let weights = between.iter().enumerate().map(|(k, w)| if i >> k & 1 == 1 { *w } else { 1.0 - w });
-            weights.product::<f32>() * unit(hash(self.seed, &place))
+            weights.product::<f32>() * unit(hash(self.seed, &[layer, x, y, t]))
         };
-        let noise: f32 = (0..8).map(corner).sum();
-        1.0 + self.file.flicker * (2.0 * noise - 1.0)
+        (0..8).map(corner).sum()
     }
 }
 
