@@ -307,6 +307,7 @@ mod tests {
             };
             with_threads(threads, || ordered_map(0..40, window, make, push)).unwrap().unwrap();
             assert!(most.load(SeqCst) <= window, "{most:?} of {window}");
+            assert!(threads == 1 || most.load(SeqCst) > 1, "nothing was made ahead");
         }
     }
 

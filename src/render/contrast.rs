@@ -1,9 +1,10 @@
 //! How strong the differences of each piece should be, band by band.
 //!
 //! A still tells how strong each band of its fluid is, but not how much of that moves: in a flame all of it, down to
-//! the largest shapes, in a waterfall the fine detail but not the light and shade. The clip tells the rest. So each band
-//! of the piece's frames, moving and still together, is brought to the contrast of the same band of the picture, and the
-//! differences by the same factor. It is bounded, since it also lifts the clip's noise (Okabe et al. 2011, Fig. 13).
+//! the largest shapes, in a waterfall the fine detail but not the light and shade. The clip tells the rest. So each
+//! coarse band of the piece's frames, moving and still together, is brought to the contrast of the same band of the
+//! picture, and the differences by the same factor; in the fine bands, where all fluid moves, the differences alone are.
+//! Factors are bounded, since they also lift the clip's noise (Okabe et al. 2011, Fig. 13).
 
 use super::blend::Bands;
 use super::layout::{BANDS, Layout, LevelKey, Placement};
@@ -16,15 +17,15 @@ use crate::raster::pyramid::{laplacian, reduce};
 /// Smallest contrast that is measured, in [0, 1]: about the rounding noise of 8-bit footage.
 const NOISE: f32 = 0.002;
 
-/// Bands that hold the texture of a fluid; the coarser ones hold its swell.
-const FINE: usize = 3;
+/// Bands, fine to coarse, that move as a whole: up to 8 pixels a wave.
+const FINE: usize = 2;
 
 /// How gains are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Strength {
     /// Temporal contrast of the result relative to the picture's spatial contrast.
     pub strength: f32,
-    /// Largest factor applied to the differences, and one over the smallest.
+    /// Largest factor applied to the differences, and one over the smallest; `coarse` comes on top.
     pub max_gain: f32,
     /// Factor of the coarse bands; swell and changing light live there, and the large shapes of flames.
     pub coarse: f32,
@@ -101,7 +102,8 @@ pub fn match_contrast(
             let wanted = picture_contrast(&picture[band], &mattes[band], placement, band).max(NOISE);
             let of = |sums: &[Plane]| contrast[level].over(sums, layout, placement, band);
             let (seen, moving) = (of(&contrast[level].seen), of(&contrast[level].moving));
-            let gain = gain(band, wanted / seen.max(NOISE), strength);
+            let found = if band < FINE { moving } else { seen };
+            let gain = gain(band, wanted / found.max(NOISE), strength);
             (gain, (gain * moving / wanted).min(1.0).powi(2))
         })
     });
@@ -109,7 +111,7 @@ pub fn match_contrast(
     Match { gains: part(|m| m.0), shares: part(|m| m.1) }
 }
 
-/// Factor of a band whose contrast in the picture is `ratio` times that in the clip.
+/// Factor of a band whose contrast in the picture is `ratio` times that found in the clip.
 fn gain(band: usize, ratio: f32, strength: &Strength) -> f32 {
     let bounded = (strength.strength * ratio).clamp(1.0 / strength.max_gain, strength.max_gain);
     if band < FINE { bounded } else { strength.coarse * bounded }

@@ -59,7 +59,16 @@ impl LeftOut {
         }
         let count = pack.clips()[clip as usize].frames as usize;
         let frame = liveliest_and_sharpest(pack, clip, &ever, count / 2, observer)?;
-        let matte = matte(&present(significant, pack, clip, frame, observer)?);
+        let matte = match matte(&present(&significant, pack, clip, frame, observer)?) {
+            none if none.data.iter().all(|&m| m < 0.5) => {
+                observer.note(&format!(
+                    "clip {}: the picture is of a quiet moment; its matte is where the clip ever moves",
+                    pack.clips()[clip as usize].id
+                ));
+                ever
+            }
+            matte => matte,
+        };
         let picture = pack.frame(clip, frame)?;
         let gap = GAP.min(count / GAP_SHARE);
         Ok(Self { picture, matte, frame, reference: (frame + gap).min(count)..count })
@@ -67,16 +76,20 @@ impl LeftOut {
 }
 
 /// `significant` (per cell) where the clip moves about frame `frame` as it does as a rule, else 0.
-fn present(significant: Plane, pack: &Pack, clip: u32, frame: usize, observer: &dyn Observer) -> Result<Plane> {
+fn present(significant: &Plane, pack: &Pack, clip: u32, frame: usize, observer: &dyn Observer) -> Result<Plane> {
     let last = pack.clips()[clip as usize].frames as usize - 1;
     let near = frame.saturating_sub(NEAR)..(frame + NEAR).min(last);
     let all = (0..last).step_by(last.div_ceil(PAIRS).max(1));
-    let near = changes(pack, clip, near, &significant, observer)?;
-    let all = changes(pack, clip, all, &significant, observer)?;
-    let mut present = significant;
+    let near = changes(pack, clip, near, significant, observer)?;
+    let all = changes(pack, clip, all, significant, observer)?;
+    Ok(where_as_ever(significant, &near, &all))
+}
+
+/// `significant` where the changes `near` reach the share [`PRESENT`] of those of `all` the clip, else 0.
+fn where_as_ever(significant: &Plane, near: &Plane, all: &Plane) -> Plane {
     let rates = near.data.iter().zip(&all.data);
-    present.data.iter_mut().zip(rates).filter(|(_, (near, all))| *near < &(PRESENT * *all)).for_each(|(p, _)| *p = 0.0);
-    Ok(present)
+    let present = significant.data.iter().zip(rates).map(|(s, (near, all))| if *near < PRESENT * all { 0.0 } else { *s });
+    Plane::from_vec(significant.width, significant.height, present.collect())
 }
 
 /// Mean absolute difference of frame t and the one after it over `times`, about every cell.
@@ -214,6 +227,14 @@ mod tests {
         assert!((matte.at(80, 60) - 0.5).abs() < 0.1, "the edge is not soft");
         let rising = matte.row(60)[60..100].windows(2).all(|w| w[0] >= w[1]);
         assert!(rising, "the edge is not smooth");
+    }
+
+    #[test]
+    fn what_rests_at_the_time_of_the_picture_is_no_part_of_the_matte() {
+        let significant = Plane::from_fn(4, 1, |x, _| [1.0, 0.8, 0.9, 0.0][x]);
+        let (near, all) = (Plane::from_fn(4, 1, |x, _| [0.2, 0.01, 0.06, 0.5][x]), Plane::filled(4, 1, 0.1));
+        assert_eq!(where_as_ever(&significant, &near, &all).data, [1.0, 0.0, 0.9, 0.0]);
+        assert_eq!(where_as_ever(&significant, &all, &all), significant);
     }
 
     #[test]

@@ -48,9 +48,9 @@ declare_options! {
         blur: f32 = 0.5, in 0, 10, "frames", "Okabe 2011, §6";
         /// Share of the recovered average image; the rest keeps the picture's own detail, still.
         recovery: f32 = 0.8, in 0, 1, "ratio", "methods §1.6";
-        /// Contrast of the motion relative to the contrast of the picture.
+        /// Contrast of the motion relative to what the picture's contrast and the clip's still part leave for it.
         strength: f32 = 1.0, in 0, 4, "ratio", "methods §1.5";
-        /// Largest factor on a clip's differences; more lifts its noise.
+        /// Largest factor on a clip's differences, before `coarse`; more lifts its noise.
         max_gain: f32 = 3.0, in 1, 20, "ratio", "Okabe 2011, Fig. 13";
         /// Factor of the coarse bands of the differences, where swell, changing light and large flames live.
         coarse: f32 = 1.0, in 0, 4, "ratio", "methods §1.6";
@@ -136,11 +136,11 @@ impl Synthesizer for Database {
             false => pick::labels(&grid, &still, &wishes, &candidates, sources, &self.labelling(scene), observer)?,
         };
         let placed = place(&run, &grid, &labels.choices, wishes)?;
-        let clips = frames::study(&run, &placed)?;
+        let mut clips = frames::study(&run, &placed)?;
         // A library cut short by somebody else while it is mapped must not be read any further.
         sources.packs.iter().try_for_each(|(_, pack)| pack.check_length())?;
         let apart = rendering::separate(&run, &placed)?;
-        let rendering = stage(observer, "prepare", 0, || Ok(rendering::prepare(&run, &placed, &clips, apart)))?;
+        let rendering = stage(observer, "prepare", 0, || Ok(rendering::prepare(&run, &placed, &mut clips, apart)))?;
         frames::make(&run, &placed, &clips, &rendering, sink)?;
         outcome(&run, &placed, &clips, &rendering, &candidates, &labels)
     }

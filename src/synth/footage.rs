@@ -75,7 +75,7 @@ impl Clip {
     ) -> Result<Self> {
         let meta = &pack.clips()[clip as usize];
         let size = (meta.width as usize, meta.height as usize);
-        let searched = (meta.frames as usize).min((SEARCHED * frames).max(SEARCHED * FADE));
+        let searched = searched(meta.frames as usize, frames);
         let (mut lumas, thumbnails) = read(pack, clip, searched, observer)?;
         let plan = plan_loop(&Distances::between(&thumbnails), &isolated_steps(&steps(&lumas)), frames, FADE)?;
         let average = loop_average(&plan, &lumas, size);
@@ -111,9 +111,14 @@ impl Clip {
         self.kept.as_ref().map(|kept| &kept[frame - self.plan.start()])
     }
 
-    /// How strong its bands are at one of the scales it was studied at.
+    /// How strong its bands are at one of the scales it was studied at, unless it was let go.
     pub fn contrast(&self, scale: u8) -> Option<&Contrast> {
-        self.scales.iter().position(|&s| s == scale).map(|i| &self.contrast[i])
+        self.scales.iter().position(|&s| s == scale).and_then(|i| self.contrast.get(i))
+    }
+
+    /// Lets go of what [`Self::contrast`] gives.
+    pub fn forget_contrast(&mut self) {
+        self.contrast.clear();
     }
 
     /// Factors of the bands that keep the contrast through a mixture: fine detail is unlike between two frames whose
@@ -153,6 +158,17 @@ pub fn loop_bytes(pack: &Pack, clip: u32, frames: usize) -> u64 {
     let meta = &pack.clips()[clip as usize];
     let kept = (meta.frames as usize).min(frames + FADE);
     kept as u64 * u64::from(meta.width) * u64::from(meta.height) * size_of::<u16>() as u64
+}
+
+/// Most bytes of the frames that a clip's study holds, for a loop of `frames` library frames.
+pub fn study_bytes(pack: &Pack, clip: u32, frames: usize) -> u64 {
+    let meta = &pack.clips()[clip as usize];
+    searched(meta.frames as usize, frames) as u64 * u64::from(meta.width) * u64::from(meta.height) * size_of::<u16>() as u64
+}
+
+/// Frames of a clip that a loop of `frames` is looked for in.
+fn searched(clip: usize, frames: usize) -> usize {
+    clip.min((SEARCHED * frames).max(SEARCHED * FADE))
 }
 
 /// The frame after the last one that a loop shows, of a clip of which `searched` frames were looked at.
@@ -320,13 +336,14 @@ pub fn bands_of(streams: &[Stream], frames: &[usize], observer: &dyn Observer) -
     Ok(by_frame)
 }
 
-/// Bytes of the bands of one output frame.
+/// Bytes of one output frame's bands, and of the one or two frames per stream that they are made from.
 pub fn frame_bytes(streams: &[Stream]) -> usize {
+    let mixed: usize = streams.iter().map(|s| 2 * s.clip.size.0 * s.clip.size.1 * size_of::<f32>()).sum();
     let level = |clip: &Clip, scale: u8| {
         let (w, h) = level_size(clip.size.0, clip.size.1, scale);
         w * h * size_of::<f32>() * 4 / 3
     };
-    streams.iter().map(|s| s.scales.iter().map(|&scale| level(s.clip, scale)).sum::<usize>()).sum()
+    mixed + streams.iter().map(|s| s.scales.iter().map(|&scale| level(s.clip, scale)).sum::<usize>()).sum::<usize>()
 }
 
 /// Bytes of the frames that are kept.

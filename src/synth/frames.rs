@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::database::Run;
-use super::footage::{Clip, Stream, bands_of, frame_bytes, kept_bytes, loop_bytes};
+use super::footage::{Clip, Stream, bands_of, frame_bytes, kept_bytes, loop_bytes, study_bytes};
 use super::memory;
 use super::placing::{Footage, Placed};
 use super::rates::RATES;
@@ -20,6 +20,8 @@ use crate::video::clip::Sink;
 
 /// Frames that appearance matching learns from.
 const MATCHED: usize = 8;
+/// Bytes of the frames of clips that are studied at the same time; one is, however large.
+const STUDIED: u64 = 1 << 30;
 
 /// Finds the loop of every clip that is used, and how strong its differences are.
 ///
@@ -45,11 +47,14 @@ pub fn study(run: &Run, placed: &Placed) -> Result<Vec<Clip>> {
         observer.advance("loops", 1);
         clip
     };
+    let largest = |f: &Footage| study_bytes(&sources.packs[f.pack].1, f.clip, frames(f));
+    let largest = placed.clips.iter().map(largest).max().unwrap_or(0).max(1);
+    let at_once = par::threads().min((STUDIED / largest).max(1) as usize);
     stage(observer, "loops", placed.clips.len() as u64, || {
         // A clip under study is large: a thread that waits must not begin another one.
         let mut clips = Vec::with_capacity(placed.clips.len());
         while clips.len() < placed.clips.len() {
-            let (done, count) = (clips.len(), par::threads().min(placed.clips.len() - clips.len()));
+            let (done, count) = (clips.len(), at_once.min(placed.clips.len() - clips.len()));
             clips.extend(par::try_map(count, |k| study(done + k))?);
         }
         Ok(clips)

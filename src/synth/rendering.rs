@@ -82,11 +82,12 @@ pub fn separate(run: &Run, placed: &Placed) -> Result<Option<Apart>> {
     Ok(None)
 }
 
-/// Weights, gains, recovered image: what all frames share.
-pub fn prepare(run: &Run, placed: &Placed, clips: &[Clip], apart: Option<Apart>) -> Rendering {
+/// Weights, gains, recovered image: what all frames share. The clips' contrasts serve here for the last time.
+pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apart>) -> Rendering {
     let Options { shutter, blur, recovery: amount, .. } = *run.options;
     let Run { still, .. } = *run;
     let matched = matched_contrast(run.options, placed, clips, still);
+    clips.iter_mut().for_each(Clip::forget_contrast);
     let motion = assigned_motion(&placed.layout);
     // Before a background the fluid is recovered wherever it may come, from its own colours.
     let (fluid, matte) = match &apart {
