@@ -88,7 +88,8 @@ fn present(significant: &Plane, pack: &Pack, clip: u32, frame: usize, observer: 
 /// `significant` where the changes `near` reach the share [`PRESENT`] of those of `all` the clip, else 0.
 fn where_as_ever(significant: &Plane, near: &Plane, all: &Plane) -> Plane {
     let rates = near.data.iter().zip(&all.data);
-    let present = significant.data.iter().zip(rates).map(|(s, (near, all))| if *near < PRESENT * all { 0.0 } else { *s });
+    let present =
+        significant.data.iter().zip(rates).map(|(s, (near, all))| if *near < PRESENT * all { 0.0 } else { *s });
     Plane::from_vec(significant.width, significant.height, present.collect())
 }
 

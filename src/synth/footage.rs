@@ -163,7 +163,10 @@ pub fn loop_bytes(pack: &Pack, clip: u32, frames: usize) -> u64 {
 /// Most bytes of the frames that a clip's study holds, for a loop of `frames` library frames.
 pub fn study_bytes(pack: &Pack, clip: u32, frames: usize) -> u64 {
     let meta = &pack.clips()[clip as usize];
-    searched(meta.frames as usize, frames) as u64 * u64::from(meta.width) * u64::from(meta.height) * size_of::<u16>() as u64
+    searched(meta.frames as usize, frames) as u64
+        * u64::from(meta.width)
+        * u64::from(meta.height)
+        * size_of::<u16>() as u64
 }
 
 /// Frames of a clip that a loop of `frames` is looked for in.
