@@ -83,7 +83,8 @@ impl Rules {
             radius: level.layout.radius(),
             channels: level.layout.synthesised(),
             manner: self.manner,
-            back: self.back.as_ref(),
+            // |X| / |Z|: both directions count alike (Simakov et al. 2008).
+            back: self.back.as_ref().map(|b| (b, nnf.assigned().count() as f32 / b.count().max(1) as f32)),
             anchor: level.anchor.as_ref(),
         }
     }

@@ -60,8 +60,8 @@ pub(super) struct Vote<'a> {
     pub channels: usize,
     /// How the overlapping patches make one pixel.
     pub manner: Manner,
-    /// Source patches that vote besides.
-    pub back: Option<&'a Votes>,
+    /// Source patches that vote besides, and the weight of each.
+    pub back: Option<(&'a Votes, f32)>,
     /// An image that votes besides.
     pub anchor: Option<&'a Anchor>,
 }
@@ -151,9 +151,6 @@ impl Vote<'_> {
         let channels = if C > 0 { C } else { self.channels };
         let (width, radius) = (self.nnf.width, self.radius);
         let stack = self.source;
-        // |X| / |Z|: both directions count alike (Simakov et al. 2008).
-        let weight_back =
-            self.back.map_or(0.0, |votes| self.nnf.assigned().count() as f32 / votes.count().max(1) as f32);
         for cy in y.saturating_sub(radius)..(y + radius + 1).min(self.nnf.cells.len() / width) {
             let down = y as isize - cy as isize;
             let mut patch = |cx: usize, place: Place, weight: f32| {
@@ -170,7 +167,9 @@ impl Vote<'_> {
                 if cell.place != Place::NONE {
                     patch(cx, cell.place, self.weight(cell));
                 }
-                self.back.iter().flat_map(|votes| votes.at(at)).for_each(|&place| patch(cx, place, weight_back));
+                if let Some((votes, weight)) = self.back {
+                    votes.at(at).iter().for_each(|&place| patch(cx, place, weight));
+                }
             }
         }
     }
