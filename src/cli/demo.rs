@@ -83,7 +83,7 @@ impl Demo {
             say!("{}: {frames} in {}", video.display(), duration(record.seconds));
         }
         say!(
-            "all in {}; look at {} and the contact sheets beside the videos",
+            "all in {}; look at {}, and at index.html in the folders beside the videos",
             duration(start.elapsed().as_secs_f64()),
             self.output.join("falls.mp4").display()
         );
