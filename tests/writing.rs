@@ -211,7 +211,10 @@ fn mp4_says_its_times_keyframes_and_colours() {
         assert_eq!(number(&times[8..12]), 70);
         assert_eq!(number(&times[12..16]) * exact.0, timescale * exact.1);
         let keyframes: Vec<usize> = table(&file, "stss")[8..].chunks(4).map(number).collect();
-        assert_eq!(keyframes, (1..=70).step_by(per_second).collect::<Vec<_>>(), "{fps}");
+        // One a second; the last group may be encoded in two parts, each from a keyframe of its own.
+        let (seconds, more) = keyframes.split_at(70usize.div_ceil(per_second));
+        assert_eq!(seconds, (1..=70).step_by(per_second).collect::<Vec<_>>(), "{fps}");
+        assert!(more.len() <= 1 && more.iter().all(|m| m > &seconds[seconds.len() - 1]), "{fps}: {more:?}");
         let colour = find_box(table(&file, "stsd"), &["avc1", "colr"]);
         assert_eq!(colour, b"nclx\0\x01\0\x01\0\x01\0");
         // Tables first, so that it plays while it loads.
@@ -456,7 +459,7 @@ fn opacity_is_refused_where_it_is_lost() {
         let error = sink::create(&folder.path().join(name), with).err().filter(|_| name != "-");
         let error = error.unwrap_or_else(|| sink::create(Path::new("-"), with).err().unwrap());
         assert_eq!(error.kind(), Kind::Usage);
-        assert!(error.to_string().contains("holds no opacity") && error.to_string().contains(".webp"), "{error}");
+        assert!(error.to_string().contains("carries no opacity") && error.to_string().contains(".webp"), "{error}");
     }
     assert!(names(folder.path()).is_empty());
     for name in ["a.gif", "a.webp", "a.apng", "frames", "a.mp4", "a.y4m"] {
