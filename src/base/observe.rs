@@ -51,3 +51,22 @@ pub fn stage<T>(observer: &dyn Observer, name: &str, total: u64, work: impl FnOn
     observer.end(name, start.elapsed().as_secs_f64());
     result
 }
+
+#[cfg(test)]
+pub mod testing {
+    //! An observer for tests.
+
+    use std::sync::Mutex;
+
+    use super::Observer;
+
+    /// Keeps all notes.
+    #[derive(Default)]
+    pub struct Notes(pub Mutex<Vec<String>>);
+
+    impl Observer for Notes {
+        fn note(&self, message: &str) {
+            self.0.lock().unwrap().push(message.to_owned());
+        }
+    }
+}

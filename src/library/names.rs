@@ -117,20 +117,10 @@ fn read(path: &Path) -> Result<Names> {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Mutex;
-
     use super::*;
+    use crate::base::observe::testing::Notes;
     use crate::library::metadata::PieceCounts;
     use crate::library::variant::Variant;
-
-    #[derive(Default)]
-    struct Notes(Mutex<Vec<String>>);
-
-    impl Observer for Notes {
-        fn note(&self, message: &str) {
-            self.0.lock().unwrap().push(message.to_owned());
-        }
-    }
 
     fn clip(byte: u8) -> ClipMeta {
         ClipMeta {

@@ -150,19 +150,10 @@ fn note_strokes(field: &StrokeField, parts: &Components, motion: &Motion, drawn:
 #[cfg(test)]
 mod tests {
     use std::path::Path;
-    use std::sync::Mutex;
 
     use super::*;
+    use crate::base::observe::testing::Notes;
     use crate::raster::picture_io::write_png;
-
-    #[derive(Default)]
-    struct Notes(Mutex<Vec<String>>);
-
-    impl Observer for Notes {
-        fn note(&self, message: &str) {
-            self.0.lock().unwrap().push(message.to_owned());
-        }
-    }
 
     /// A picture of 200 × 120, worked on at 100 × 60, its matte in two parts.
     fn place() -> (FrameMap, Plane) {
