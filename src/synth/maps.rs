@@ -18,8 +18,9 @@ pub struct Maps {
     pub max_speed: f32,
 }
 
-/// Maps of the assigned motion, shown at `pace` library frames per output frame, and of what was asked.
-pub fn maps(motion: &AssignedMotion, pace: f32, asked: Option<&Asked>, map: &FrameMap) -> Maps {
+/// Maps of the assigned motion, shown at `pace` library frames per output frame, and of what was asked. White is of the
+/// speeds within `matte` (working size): pieces reach beyond it, over what does not move.
+pub fn maps(motion: &AssignedMotion, pace: f32, asked: Option<&Asked>, matte: &Plane, map: &FrameMap) -> Maps {
     // How sure a direction is: the share of the motion that goes that way.
     let sure = |component: &Plane| {
         let data = component.data.iter().zip(&motion.activity.data).map(|(c, a)| if *a > 0.0 { c / a } else { 0.0 });
@@ -30,7 +31,9 @@ pub fn maps(motion: &AssignedMotion, pace: f32, asked: Option<&Asked>, map: &Fra
     let speed = sized(&motion.activity.map(|v| pace * v / map.working_scale()));
     let wished = asked.map(|a| a.speed.map(|v| v.max(0.0) / map.working_scale()));
     let wished = wished.filter(|w| w.data.iter().any(|&v| v > 0.0)).map(|w| sized(&w));
-    let fastest = percentile(&speed).max(wished.as_ref().map_or(0.0, percentile));
+    let matte = sized(matte);
+    let fastest = |speed: &Plane| percentile(speed, &matte);
+    let fastest = fastest(&speed).max(wished.as_ref().map_or(0.0, fastest));
     let max_speed = (fastest * 100.0).ceil().max(1.0) / 100.0;
     let mut pictures = vec![
         ("orientation", direction(&Field { u: sure(&motion.mean.u), v: sure(&motion.mean.v) })),
@@ -46,9 +49,11 @@ pub fn maps(motion: &AssignedMotion, pace: f32, asked: Option<&Asked>, map: &Fra
     Maps { pictures, max_speed }
 }
 
-/// The 99th percentile of the values above 0, so that one odd cell does not make all others dark; 0 when there is none.
-fn percentile(plane: &Plane) -> f32 {
-    let mut values: Vec<f32> = plane.data.iter().copied().filter(|v| *v > 0.0).collect();
+/// The 99th percentile of the values above 0 within the matte, so that one odd cell does not make all others dark; 0 when
+/// there is none.
+fn percentile(plane: &Plane, matte: &Plane) -> f32 {
+    let inside = plane.data.iter().zip(&matte.data).filter(|(v, m)| **v > 0.0 && **m >= 0.5);
+    let mut values: Vec<f32> = inside.map(|(v, _)| *v).collect();
     if values.is_empty() {
         return 0.0;
     }

@@ -36,7 +36,8 @@ pub fn outcome(
     let picture = with_legend(&picture, &shares);
     let full = |plane: &Plane| resize(plane, still.map.working.0, still.map.working.1);
     let field = Field { u: full(&motion.mean.u), v: full(&motion.mean.v) };
-    let Maps { mut pictures, max_speed } = maps(motion, run.pace(), still.asked.as_ref(), &still.map);
+    let Maps { mut pictures, max_speed } =
+        maps(motion, run.pace(), still.asked.as_ref(), &still.working_matte, &still.map);
     pictures.extend(rendering.background.iter().map(|made| ("background", made.clone())));
     pictures.extend([("assignment", picture), ("motion", draw::colour(&field, 0.0))]);
     let solution = &labels.solution;
