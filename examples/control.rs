@@ -110,7 +110,7 @@ impl Place {
         let mut file = SceneFile { picture: picture(""), matte: Some(picture(".matte")), ..SceneFile::default() };
         file.library = vec![self.library.clone()];
         file.motion = motion.clone();
-        file.output.frames = FRAMES;
+        file.output.frames = Some(FRAMES);
         file
     }
 

@@ -70,7 +70,7 @@ fn scene(root: &Path, picture: &str, library: &str, solver: &str, lambda: f32) -
         matte: Some(folder.join(format!("{picture}.matte.png"))),
         library: vec![library.into()],
         method: Some(database::ENTRY.name.to_owned()),
-        output: Output { frames: 2, ..Output::default() },
+        output: Output { frames: Some(2), ..Output::default() },
         ..SceneFile::default()
     };
     set(&mut file, &format!("database.solver={solver}"))?;

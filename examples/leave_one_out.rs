@@ -183,7 +183,7 @@ impl Known {
             without: if arguments.with_itself { Vec::new() } else { vec![id.to_string()] },
             ..SceneFile::default()
         };
-        scene.output.frames = arguments.frames;
+        scene.output.frames = Some(arguments.frames);
         arguments.set.iter().try_for_each(|text| set(&mut scene, text))?;
         let half = (left.reference.len() / 2).min(120);
         let mut reader = pack.frames(clip as u32)?;

@@ -128,6 +128,6 @@ fn every_scene_names_files_that_exist() {
         assert!(folder.join(scene.matte.as_ref().unwrap()).is_file(), "{name}");
         assert!(scene.background.as_ref().is_none_or(|b| folder.join(b).is_file()), "{name}");
         assert!(scene.motion.strokes.as_ref().is_none_or(|s| folder.join(s).is_file()), "{name}");
-        assert!(scene.motion.direction.is_some() && scene.output.frames >= 25, "{name}");
+        assert!(scene.motion.direction.is_some() && scene.output.length() >= 25, "{name}");
     }
 }

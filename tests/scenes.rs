@@ -94,7 +94,7 @@ fn a_scene_leaves_its_clip_and_its_twins_out_and_animates() {
 
     let mut file = open(&folder).unwrap();
     assert_eq!(file.reference, Some(folder.join("reference")));
-    file.output.frames = 6;
+    file.output.frames = Some(6);
     let mut sink = Count::default();
     let outcome = run(&Scene::new(file).unwrap(), &mut sink, &Silent).unwrap();
     assert_eq!(sink.0, 6);

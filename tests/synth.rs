@@ -370,7 +370,7 @@ fn two_libraries_and_a_direction_serve_too() {
     let mut file = open(&stage.path("scene.toml")).unwrap_or_else(|_| stage.scene("").unwrap().settings().clone());
     file.library.push(stage.path("other.pack"));
     file.motion.direction = Some(90.0);
-    file.output.frames = 6;
+    file.output.frames = Some(6);
     let mut sink = Keep::default();
     let outcome = run(&Scene::new(file).unwrap(), &mut sink, &Silent).unwrap();
     assert_eq!(sink.0.len(), 6);

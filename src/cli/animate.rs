@@ -174,7 +174,7 @@ impl Animate {
         if !over.without.is_empty() {
             file.without = over.without;
         }
-        file.output.frames = over.frames.unwrap_or(file.output.frames);
+        file.output.frames = over.frames.or(file.output.frames);
         file.output.fps = over.fps.unwrap_or(file.output.fps);
         file.output.working_size = over.working_size.unwrap_or(file.output.working_size);
         file.output.alpha |= over.alpha;
@@ -200,7 +200,7 @@ impl Animate {
             output.working_size = preview_working(picture_size(&file.picture)?, output.working_size);
         }
         if self.frames.is_none() && output.frames_range.is_none() {
-            output.frames = output.frames.min((PREVIEW_SECONDS * output.fps) as usize).max(MIN_FRAMES);
+            output.frames = Some(output.length().min((PREVIEW_SECONDS * output.fps) as usize).max(MIN_FRAMES));
         }
         let options = file.options.entry(file.method.clone().unwrap_or_else(|| DEFAULT_METHOD.into())).or_default();
         options.entry("candidates".into()).or_insert(Value::Integer(PREVIEW_CANDIDATES));
@@ -222,7 +222,7 @@ impl Animate {
             say!("{}", to_json(&record)?);
         } else {
             let (width, height) = record.output_size;
-            let frames = record.scene.output.frames_range.map_or(record.scene.output.frames, |[a, b]| b - a);
+            let frames = record.scene.output.wanted().len();
             let name =
                 if self.output == Path::new("-") { "standard output".into() } else { self.output.to_string_lossy() };
             let frames = counted(frames as u64, "frame");
@@ -313,7 +313,7 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
     let (width, height) = scene.frame_map().output;
     let rate = FrameRate::new(f64::from(settings.fps))?;
     let frames = scene.wanted_frames();
-    let (loops, part) = (settings.frames_range.is_none(), settings.frames_range.map(|_| frames.start));
+    let (loops, part) = (scene.settings().loops(), settings.frames_range.map(|_| frames.start));
     let inner = sink::create_part(output, part, SinkOptions { width, height, rate, loops, alpha: settings.alpha })?;
     if let Some(folder) = report {
         std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
@@ -350,7 +350,8 @@ fn refuse_input(places: &Places, file: &SceneFile) -> Result<()> {
     let SceneFile { picture, matte, background, reference, library, motion, .. } = file;
     let Motion { strokes, orientation, speed, .. } = motion;
     let optional = [matte, background, reference, strokes, orientation, speed];
-    let mut inputs = optional.into_iter().flatten().chain(library).chain([picture]);
+    let folders = file.target.iter().flat_map(|target| [&target.flow, &target.alpha].into_iter().chain(&target.height));
+    let mut inputs = optional.into_iter().flatten().chain(library).chain([picture]).chain(folders);
     match inputs.find(|path| path.canonicalize().is_ok_and(|path| written.contains(&path))) {
         Some(path) => Err(Error::file(Kind::Usage, path, "is read for this video and would be written over")
             .remedy("give another name with -o, or another folder with --report")),

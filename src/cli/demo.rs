@@ -79,7 +79,7 @@ impl Demo {
             file.library = vec![self.output.join(library).with_extension("pack")];
             let video = self.output.join(name).with_extension("mp4");
             let record = animate(file, &video, Some(&self.output.join(name)), observer)?;
-            let frames = counted(record.scene.output.frames as u64, "frame");
+            let frames = counted(record.scene.output.length() as u64, "frame");
             say!("{}: {frames} in {}", video.display(), duration(record.seconds));
         }
         say!(

@@ -15,7 +15,7 @@ use crate::raster::image::Plane;
 use crate::raster::picture_io::read_grey;
 use crate::raster::resample::resize_rgb8;
 use crate::report::measured::Known;
-use crate::scene::file::{Output, SceneFile};
+use crate::scene::file::SceneFile;
 use crate::scene::scene::{self, Scene, Still};
 use crate::synth::record::RunRecord;
 
@@ -117,8 +117,7 @@ impl Measure {
     /// at high rates) and times of its own.
     fn rate(&self, video: &Video, record: Option<&RunRecord>) -> f32 {
         let output = record.map(|record| record.scene.output);
-        let all = |output: &Output| output.frames_range.map_or(output.frames, |[first, end]| end - first);
-        let as_recorded = output.filter(|output| self.video.is_dir() || all(output) == video.frames.len());
+        let as_recorded = output.filter(|output| self.video.is_dir() || output.wanted().len() == video.frames.len());
         as_recorded.map_or(video.fps, |output| output.fps)
     }
 
@@ -136,7 +135,7 @@ impl Measure {
             observer.note("no scene is known: all of the video is measured; name one with --scene");
         }
         let fps = self.rate(video, record);
-        let loops = self.loops || record.is_some_and(|record| record.scene.output.frames_range.is_none());
+        let loops = self.loops || record.is_some_and(|record| record.scene.loops());
         let footage =
             Footage::new(video.frames.clone(), fps, loops, matte).map_err(|e| e.about(self.video.display()))?;
         let size = (footage.width(), footage.height());

@@ -1,6 +1,7 @@
 //! Middlebury `.flo` files (Baker et al. 2011): "PIEH", width, height, then (u, v) pairs, little-endian.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{Read, Write};
 use std::path::Path;
 
 use crate::base::error::{Error, Kind, Result};
@@ -35,23 +36,24 @@ pub fn read(path: &Path) -> Result<Field> {
     parse(&bytes, path)
 }
 
+/// Width and height of a field, from its file's first bytes.
+///
+/// # Errors
+/// An unreadable or foreign file; a size that [`read`] refuses.
+pub fn size(path: &Path) -> Result<(usize, usize)> {
+    let mut header = Vec::new();
+    let read = File::open(path).and_then(|file| file.take(12).read_to_end(&mut header));
+    read.map_err(|e| Error::io(path, "read", e))?;
+    parse_size(&header, path)
+}
+
 /// [`read`] from memory; `path` names the file in errors.
 ///
 /// # Errors
 /// As for [`read`].
 pub fn parse(bytes: &[u8], path: &Path) -> Result<Field> {
     let data = |problem: String| Error::file(Kind::Data, path, problem);
-    let header = bytes.first_chunk::<12>().filter(|h| h.starts_with(MAGIC)).ok_or_else(|| {
-        data("not a .flo file: it does not begin with PIEH and a size".into()).remedy("give a Middlebury .flo file")
-    })?;
-    let side = |at: usize| i32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
-    let (width, height) = match (usize::try_from(side(4)), usize::try_from(side(8))) {
-        (Ok(w), Ok(h)) if (1..=MAX_SIDE).contains(&w) && (1..=MAX_SIDE).contains(&h) && w * h <= MAX_PIXELS => (w, h),
-        _ => {
-            return Err(data(format!("a field of {} x {} pixels", side(4), side(8)))
-                .allowed(format!("sides of 1 to {MAX_SIDE}, up to {MAX_PIXELS} pixels")));
-        }
-    };
+    let (width, height) = parse_size(bytes, path)?;
     let body = &bytes[12..];
     let expected = width * height * 8;
     if body.len() != expected {
@@ -68,6 +70,22 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Field> {
         }
     }
     Ok(field)
+}
+
+/// The size that the first 12 bytes of a file give.
+fn parse_size(bytes: &[u8], path: &Path) -> Result<(usize, usize)> {
+    let data = |problem: String| Error::file(Kind::Data, path, problem);
+    let header = bytes.first_chunk::<12>().filter(|h| h.starts_with(MAGIC)).ok_or_else(|| {
+        data("not a .flo file: it does not begin with PIEH and a size".into()).remedy("give a Middlebury .flo file")
+    })?;
+    let side = |at: usize| i32::from_le_bytes([header[at], header[at + 1], header[at + 2], header[at + 3]]);
+    match (usize::try_from(side(4)), usize::try_from(side(8))) {
+        (Ok(w), Ok(h)) if (1..=MAX_SIDE).contains(&w) && (1..=MAX_SIDE).contains(&h) && w * h <= MAX_PIXELS => {
+            Ok((w, h))
+        }
+        _ => Err(data(format!("a field of {} x {} pixels", side(4), side(8)))
+            .allowed(format!("sides of 1 to {MAX_SIDE}, up to {MAX_PIXELS} pixels"))),
+    }
 }
 
 /// The bytes of a `.flo` file; `path` is for the messages.
@@ -100,7 +118,7 @@ pub fn write(path: &Path, field: &Field) -> Result<()> {
     let mut name = path.file_name().unwrap_or_default().to_os_string();
     name.push(format!(".{}.partial", std::process::id()));
     let partial = path.with_file_name(name);
-    let written = std::fs::File::create(&partial)
+    let written = File::create(&partial)
         .and_then(|mut file| file.write_all(&bytes).and_then(|()| file.sync_all()))
         .and_then(|()| std::fs::rename(&partial, path));
     written.map_err(|e| {

@@ -43,7 +43,7 @@ svg{display:block;width:100%;max-width:720px;font-size:12px}svg text{fill:curren
 /// The page of a run, for a folder that holds `contact-sheet.png` and a picture `NAME.png` for each of `pictures`;
 /// `video` is where the video lies as seen from there.
 pub fn page(record: &RunRecord, pictures: &[&str], video: Option<&Path>) -> Markup {
-    let title = record.scene.picture.file_name().unwrap_or_default().to_string_lossy();
+    let title = record.scene.title();
     let body = html! {
         h1 { (title) }
         p { (what(record)) }
@@ -64,7 +64,7 @@ pub fn page(record: &RunRecord, pictures: &[&str], video: Option<&Path>) -> Mark
 fn what(record: &RunRecord) -> String {
     let (output, (width, height)) = (record.scene.output, record.output_size);
     let method = record.scene.method.as_deref().unwrap_or_default();
-    let frames = output.frames_range.map_or(output.frames, |[a, b]| b - a);
+    let frames = output.wanted().len();
     let (fps, seconds) = (output.fps, record.seconds);
     let frames = counted(frames as u64, "frame");
     format!("{frames} of {width} × {height} at {fps} per second, method {method}, made in {seconds:.1} s.")

@@ -1,6 +1,8 @@
 //! The scene file: TOML with paths relative to its folder, and each method's options as unread tables.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -9,19 +11,36 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::options::{Table, Value, explain, refuse_unknown, unknown};
 
 /// Keys of a scene file outside its tables.
-pub const KEYS: [&str; 10] =
-    ["picture", "matte", "background", "library", "use", "without", "method", "reference", "motion", "output"];
+pub const KEYS: [&str; 11] = [
+    "picture",
+    "matte",
+    "background",
+    "library",
+    "use",
+    "without",
+    "method",
+    "reference",
+    "target",
+    "motion",
+    "output",
+];
+/// Keys of `[target]`.
+pub const TARGET_KEYS: [&str; 3] = ["flow", "alpha", "height"];
 /// Keys of `[motion]`.
 pub const MOTION_KEYS: [&str; 5] = ["direction", "strokes", "orientation", "speed", "max_speed"];
 /// Keys of `[output]`.
 pub const OUTPUT_KEYS: [&str; 8] =
     ["frames", "frames_range", "fps", "size", "working_size", "seed", "alpha", "max_memory"];
 
-/// A scene as a person writes it; everything but the picture is optional.
+/// Frames of a loop when no number is asked for.
+pub const DEFAULT_FRAMES: usize = 120;
+
+/// A scene as a person writes it; everything but the picture, or the target, is optional.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct SceneFile {
-    /// The picture to animate.
+    /// The picture to animate; empty where there is a target.
+    #[serde(skip_serializing_if = "is_empty")]
     pub picture: PathBuf,
     /// Grey image of the picture's size, white = fluid; none: all of it moves.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -43,6 +62,9 @@ pub struct SceneFile {
     /// A real clip to measure against.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<PathBuf>,
+    /// A designed target, instead of a picture.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub target: Option<TargetFile>,
     /// Asked motion.
     pub motion: Motion,
     /// What to write.
@@ -50,6 +72,19 @@ pub struct SceneFile {
     /// Option tables by method name, unread; the methods check them.
     #[serde(flatten)]
     pub options: BTreeMap<String, Table>,
+}
+
+/// A designed target: folders of numbered frames, all of one size and with the same numbers.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct TargetFile {
+    /// Motion, pixels per frame: one file a frame ([`super::target`]).
+    pub flow: PathBuf,
+    /// Opacity: one grey picture a frame, white = opaque.
+    pub alpha: PathBuf,
+    /// Height of the surface, grey pictures, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height: Option<PathBuf>,
 }
 
 /// Asked motion; [`super::asked::Asked::read`] says what holds where several keys speak.
@@ -77,8 +112,9 @@ pub struct Motion {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Output {
-    /// Number of frames of the loop.
-    pub frames: usize,
+    /// Number of frames; none: [`DEFAULT_FRAMES`] of a picture, all of a target. A checked scene has it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub frames: Option<usize>,
     /// First frame of the loop to make, and the one after the last; none: all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frames_range: Option<[usize; 2]>,
@@ -102,7 +138,7 @@ pub struct Output {
 impl Default for Output {
     fn default() -> Self {
         Self {
-            frames: 120,
+            frames: None,
             frames_range: None,
             fps: 25.0,
             size: None,
@@ -112,6 +148,35 @@ impl Default for Output {
             max_memory: None,
         }
     }
+}
+
+impl SceneFile {
+    /// Whether the frames that are to be made loop: those of a designed target, and a part of a loop, do not.
+    pub fn loops(&self) -> bool {
+        self.target.is_none() && self.output.frames_range.is_none()
+    }
+
+    /// What the scene is called: the picture's file name, or the folder that the target's flow lies in.
+    pub fn title(&self) -> Cow<'_, str> {
+        let named = self.target.as_ref().map_or(Some(&*self.picture), |target| target.flow.parent());
+        named.and_then(Path::file_name).unwrap_or("target".as_ref()).to_string_lossy()
+    }
+}
+
+impl Output {
+    /// Number of frames of the whole loop, or of the whole target.
+    pub fn length(&self) -> usize {
+        self.frames.unwrap_or(DEFAULT_FRAMES)
+    }
+
+    /// The frames that are to be made.
+    pub fn wanted(&self) -> Range<usize> {
+        self.frames_range.map_or(0..self.length(), |[first, end]| first..end)
+    }
+}
+
+fn is_empty(path: &Path) -> bool {
+    path.as_os_str().is_empty()
 }
 
 /// Reads the text of a scene file; `path` is for the messages.
@@ -124,6 +189,7 @@ pub fn parse(text: &str, path: &Path) -> Result<SceneFile> {
     for (key, value) in &table {
         let inner = || value.as_table().into_iter().flat_map(|t| t.keys().map(String::as_str));
         match key.as_str() {
+            "target" => refuse_unknown("target", inner(), &TARGET_KEYS),
             "motion" => refuse_unknown("motion", inner(), &MOTION_KEYS),
             "output" => refuse_unknown("output", inner(), &OUTPUT_KEYS),
             known if KEYS.contains(&known) => Ok(()),

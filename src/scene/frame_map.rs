@@ -21,6 +21,8 @@ pub struct FrameMap {
     pub output: (usize, usize),
 }
 
+/// Shortest side of a designed target at working size, pixels: a few patches of the exemplar methods.
+pub const SMALLEST_TARGET: usize = 16;
 /// Longest side of the output when no size is asked for.
 pub const DEFAULT_LONG_SIDE: usize = 1920;
 
@@ -32,19 +34,42 @@ impl FrameMap {
     /// # Errors
     /// A working image smaller than a piece, or an output of another shape than the picture.
     pub fn new(picture: (usize, usize), size: Option<[usize; 2]>, working_long: usize) -> Result<Self> {
+        let map = Self::shaped(picture, size, working_long)?;
+        map.at_least(PIECE, "picture", "the side of a piece of motion")?;
+        Ok(map)
+    }
+
+    /// Sizes for a designed target, as [`FrameMap::new`] chooses them.
+    ///
+    /// # Errors
+    /// A working image smaller than [`SMALLEST_TARGET`], or an output of another shape than the target.
+    pub fn of_target(target: (usize, usize), size: Option<[usize; 2]>, working_long: usize) -> Result<Self> {
+        let map = Self::shaped(target, size, working_long)?;
+        map.at_least(SMALLEST_TARGET, "target", "room for a few patches")?;
+        Ok(map)
+    }
+
+    /// Refuses a working image with a side under `least` pixels.
+    fn at_least(&self, least: usize, what: &str, why: &str) -> Result<()> {
+        let Self { picture, working, .. } = self;
+        if working.0.min(working.1) >= least {
+            return Ok(());
+        }
+        let problem = format!("too small: {} × {} pixels", picture.0, picture.1);
+        let (shrunk, remedy) = if working == picture {
+            (String::new(), format!("use a larger {what}"))
+        } else {
+            (format!(", {} × {} at working size", working.0, working.1), "give a larger --working-size".to_owned())
+        };
+        Err(Error::new(Kind::Unusable, what, problem + &shrunk)
+            .allowed(format!("at least {least} pixels each way, {why}"))
+            .remedy(remedy))
+    }
+
+    /// Sizes, however small.
+    fn shaped(picture: (usize, usize), size: Option<[usize; 2]>, working_long: usize) -> Result<Self> {
         let (working, output) = (fit(picture, working_long), fit(picture, DEFAULT_LONG_SIDE));
         let output = size.map_or(output, |[w, h]| (w, h));
-        if working.0.min(working.1) < PIECE {
-            let problem = format!("too small: {} × {} pixels", picture.0, picture.1);
-            let (shrunk, remedy) = if working == picture {
-                (String::new(), "use a larger picture")
-            } else {
-                (format!(", {} × {} at working size", working.0, working.1), "give a larger --working-size")
-            };
-            return Err(Error::new(Kind::Unusable, "picture", problem + &shrunk)
-                .allowed(format!("at least {PIECE} pixels each way, the side of a piece of motion"))
-                .remedy(remedy));
-        }
         // Two pixels of rounding on the one side or the other: of a narrow picture, the short side rounds coarsely.
         let shape = picture.1 as f64 / picture.0 as f64;
         let (width, height) = ((output.1 as f64 / shape).round() as usize, (output.0 as f64 * shape).round() as usize);

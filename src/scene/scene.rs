@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::asked::Asked;
-use super::file::{self, Motion, SceneFile};
+use super::designed::Designed;
+use super::file::{self, Motion, Output, SceneFile, TargetFile};
 use super::frame_map::FrameMap;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
@@ -47,6 +48,9 @@ pub fn file_of(path: &Path) -> PathBuf {
 
 fn for_each_path(scene: &mut SceneFile, mut f: impl FnMut(&mut PathBuf)) {
     f(&mut scene.picture);
+    if let Some(TargetFile { flow, alpha, height }) = &mut scene.target {
+        [flow, alpha].into_iter().chain(height).for_each(&mut f);
+    }
     let SceneFile { matte, background, reference, library, motion, .. } = scene;
     let Motion { strokes, orientation, speed, .. } = motion;
     [matte, background, reference, strokes, orientation, speed].into_iter().flatten().chain(library).for_each(f);
@@ -57,6 +61,7 @@ fn for_each_path(scene: &mut SceneFile, mut f: impl FnMut(&mut PathBuf)) {
 pub struct Scene {
     file: SceneFile,
     map: FrameMap,
+    target: Option<Designed>,
 }
 
 /// The pixels of a scene.
@@ -64,15 +69,16 @@ pub struct Scene {
 pub struct Still {
     /// Sizes and coordinates.
     pub map: FrameMap,
-    /// The picture at output size; the file's own bytes when the sizes agree.
+    /// The picture at output size; the file's own bytes when the sizes agree. Of a designed target: what is behind the
+    /// fluid, black without a background.
     pub picture: Rgb8,
-    /// The matte at output size, 0 = still, 1 = fluid.
+    /// The matte at output size, 0 = still, 1 = fluid. Of a designed target: 1 everywhere.
     pub matte: Plane,
     /// The picture at working size.
     pub working: Color,
     /// The matte at working size, 0 = still, 1 = fluid.
     pub working_matte: Plane,
-    /// What is behind the fluid, at output size.
+    /// What is behind the fluid, at output size; there for every designed target.
     pub background: Option<Rgb8>,
     /// The motion that is asked for.
     pub asked: Option<Asked>,
@@ -89,10 +95,13 @@ impl Scene {
         if let Some(direction) = &mut file.motion.direction {
             *direction = direction.rem_euclid(360.0);
         }
-        if file.picture.as_os_str().is_empty() {
+        let target = file.target.as_ref().map(|target| Designed::open(&file, target)).transpose()?;
+        if file.picture.as_os_str().is_empty() && target.is_none() {
             return Err(Error::new(Kind::Usage, "picture", "no picture given").remedy("name a picture or a scene file"));
         }
-        let size = picture_size(&file.picture)?;
+        let size = target.as_ref().map_or_else(|| picture_size(&file.picture), |target| Ok(target.size))?;
+        file.output.frames = Some(target.as_ref().map_or(Ok(file.output.length()), |t| t.length(&file.output))?);
+        check_range(&file.output)?;
         for (path, what) in [
             (&file.matte, "matte"),
             (&file.background, "background"),
@@ -103,12 +112,12 @@ impl Scene {
         }
         file.library.iter().try_for_each(|path| library_exists(path))?;
         file.reference.iter().chain(&file.motion.strokes).try_for_each(|path| exists(path))?;
-        let map =
-            FrameMap::new(size, file.output.size, file.output.working_size).map_err(|error| match error.kind() {
-                Kind::Unusable => error.about(file.picture.display()),
-                _ => error,
-            })?;
-        Ok(Self { file, map })
+        let fit = if target.is_some() { FrameMap::of_target } else { FrameMap::new };
+        let map = fit(size, file.output.size, file.output.working_size).map_err(|error| match error.kind() {
+            Kind::Unusable => error.about(file.target.as_ref().map_or(&file.picture, |t| &t.flow).display()),
+            _ => error,
+        })?;
+        Ok(Self { file, map, target })
     }
 
     /// The settings, with paths that do not depend on a scene file's place.
@@ -123,8 +132,12 @@ impl Scene {
 
     /// The frames of the loop that are to be made.
     pub fn wanted_frames(&self) -> std::ops::Range<usize> {
-        let output = &self.file.output;
-        output.frames_range.map_or(0..output.frames, |[first, end]| first..end)
+        self.file.output.wanted()
+    }
+
+    /// The designed target, where there is one.
+    pub fn designed(&self) -> Option<&Designed> {
+        self.target.as_ref()
     }
 
     /// The options given for a method, unread.
@@ -160,6 +173,9 @@ impl Scene {
     /// Unreadable files, and a matte that is all black.
     pub fn still(&self, observer: &dyn Observer) -> Result<Still> {
         let map = self.map;
+        if self.target.is_some() {
+            return self.behind_target();
+        }
         // One thing of the file's size at a time.
         let (picture, working) = at_both_sizes(&self.file.picture, &map)?;
         let (matte, working_matte) = self.mattes(observer)?;
@@ -171,6 +187,16 @@ impl Scene {
 }
 
 impl Scene {
+    /// The pixels of a scene without a picture: what is behind its target.
+    fn behind_target(&self) -> Result<Still> {
+        let map = self.map;
+        let ((width, height), (w, h)) = (map.output, map.working);
+        let black = || Ok((Rgb8::black(width, height), Color::zeros(w, h)));
+        let (picture, working) = self.file.background.as_deref().map_or_else(black, |p| at_both_sizes(p, &map))?;
+        let (matte, working_matte) = (Plane::filled(width, height, 1.0), Plane::filled(w, h, 1.0));
+        Ok(Still { background: Some(picture.clone()), picture, matte, working, working_matte, map, asked: None })
+    }
+
     /// The matte at output size and at working size.
     fn mattes(&self, observer: &dyn Observer) -> Result<(Plane, Plane)> {
         let FrameMap { output, working, .. } = self.map;
@@ -201,17 +227,8 @@ fn check_numbers(file: &SceneFile) -> Result<()> {
     let bad = |key: &str, value: String, allowed: &str| {
         Err(Error::new(Kind::Usage, key, format!("{value} is out of range")).allowed(allowed))
     };
-    if !(MIN_FRAMES..=100_000).contains(&out.frames) {
-        return bad("output.frames", out.frames.to_string(), &format!("{MIN_FRAMES} to 100000"));
-    }
-    if let Some([first, end]) = out.frames_range.filter(|[first, end]| first >= end) {
-        let problem = format!("{first}..{end} holds no frame: the first comes first, then the one after the last");
-        return Err(Error::new(Kind::Usage, "output.frames_range", problem)
-            .remedy(format!("write {end}..{}", first.max(end + 1))));
-    }
-    if let Some([first, end]) = out.frames_range.filter(|[_, end]| *end > out.frames) {
-        let allowed = format!("0..{0}, or a part of it; {0} itself is not a frame of the loop", out.frames);
-        return bad("output.frames_range", format!("{first}..{end}"), &allowed);
+    if let Some(frames) = out.frames.filter(|frames| !(MIN_FRAMES..=100_000).contains(frames)) {
+        return bad("output.frames", frames.to_string(), &format!("{MIN_FRAMES} to 100000"));
     }
     if !(1.0..=240.0).contains(&out.fps) {
         return bad("output.fps", out.fps.to_string(), "1 to 240");
@@ -223,6 +240,18 @@ fn check_numbers(file: &SceneFile) -> Result<()> {
         return bad("output.size", format!("{w} × {h}"), "16 to 8192 each way");
     }
     check_motion(&file.motion)
+}
+
+/// Refuses a part of the frames that is none.
+fn check_range(out: &Output) -> Result<()> {
+    if let Some([first, end]) = out.frames_range.filter(|[first, end]| first >= end) {
+        let problem = format!("{first}..{end} holds no frame: the first comes first, then the one after the last");
+        return Err(Error::new(Kind::Usage, "output.frames_range", problem)
+            .remedy(format!("write {end}..{}", first.max(end + 1))));
+    }
+    let Some([first, end]) = out.frames_range.filter(|[_, end]| *end > out.length()) else { return Ok(()) };
+    Err(Error::new(Kind::Usage, "output.frames_range", format!("{first}..{end} is out of range"))
+        .allowed(format!("0..{0}, or a part of it; frame {0} itself is not one", out.length())))
 }
 
 fn check_motion(motion: &Motion) -> Result<()> {
@@ -282,8 +311,12 @@ fn read_matte(path: &Path) -> Result<Plane> {
     Ok(matte)
 }
 
-fn resize_matte(matte: &Plane, size: (usize, usize)) -> Plane {
+/// A matte, or alpha, at another size, 0 to 1.
+pub(super) fn resize_matte(matte: &Plane, size: (usize, usize)) -> Plane {
     // Below half an 8-bit step the resampler's ripples are not paint.
+    if (matte.width, matte.height) == size {
+        return matte.clone();
+    }
     resize(matte, size.0, size.1).map(|v| if v < 0.5 / 255.0 { 0.0 } else { v.min(1.0) })
 }
 

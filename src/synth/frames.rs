@@ -33,7 +33,7 @@ pub fn study(run: &Run, placed: &Placed) -> Result<Vec<Clip>> {
     let levels = placed.layout.levels();
     // As many library frames as the output lasts at its rate, so that water falls as fast at any frame rate.
     let frames = |&Footage { pack, rate, .. }: &Footage| {
-        let seconds = RATES[rate] * output.frames as f32 / output.fps;
+        let seconds = RATES[rate] * output.length() as f32 / output.fps;
         ((seconds * sources.packs[pack].1.parameters().rate as f32).round() as usize).max(2)
     };
     let bytes = |f: &Footage| loop_bytes(&sources.packs[f.pack].1, f.clip, frames(f));
@@ -79,15 +79,15 @@ fn first_within(room: u64, sizes: impl Iterator<Item = u64>) -> usize {
 pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, sink: &mut dyn Sink) -> Result<()> {
     let Run { scene, observer, .. } = *run;
     let (output, wanted) = (scene.settings().output, scene.wanted_frames());
-    let streams = streams(placed, clips, rendering, output.frames)?;
+    let streams = streams(placed, clips, rendering, output.length())?;
     let block = memory::block_frames(scene, frame_bytes(&streams), kept_bytes(clips))?;
     // Streams repeat, so the frames before the first are those that far before the end of a later round. A part of the
     // loop follows an outline that moves from the same frame on.
-    let first = rendering.run_in.next_multiple_of(output.frames);
+    let first = rendering.run_in.next_multiple_of(output.length());
     let start = if rendering.run_in == 0 { first + wanted.start } else { first - rendering.run_in };
     let (first, end) = (first + wanted.start, first + wanted.end);
     let matched = stage(observer, "appearance", 0, || {
-        learn(&rendering.target, &rendering.blender, &streams, (output.frames, block), observer)
+        learn(&rendering.target, &rendering.blender, &streams, (output.length(), block), observer)
     })?;
     let make = |b: usize| {
         let frames: Vec<usize> = (start + b * block..(start + (b + 1) * block).min(end)).collect();
@@ -102,7 +102,7 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
             observe::check(observer)?;
             let outlines = outline.follow(&differences);
             let before = (first - start).saturating_sub(b * block).min(differences.len());
-            let t = (start + b * block + before) % output.frames;
+            let t = (start + b * block + before) % output.length();
             writer.write(t, &differences[before..], &outlines[before..])
         })
     })

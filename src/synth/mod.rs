@@ -81,6 +81,8 @@ pub struct MethodEntry {
     pub summary: &'static str,
     /// Where it comes from.
     pub citation: &'static str,
+    /// Whether it takes a designed target ([`crate::scene::target`]) in place of a picture.
+    pub designed: bool,
     /// Its options.
     pub options: fn() -> Vec<Declared>,
     /// All option values that a table stands for, defaults included.
@@ -99,7 +101,8 @@ pub const DEFAULT_METHOD: &str = "database";
 /// every option value, defaults included, so that what it writes repeats the run.
 ///
 /// # Errors
-/// Unknown methods and tables (naming the nearest), unknown or bad options.
+/// Unknown methods and tables (naming the nearest), unknown or bad options; a designed target for a method that takes
+/// none.
 pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
     check_options(&scene.settings().options)?;
     let names: Vec<&str> = REGISTRY.iter().map(|m| m.name).collect();
@@ -108,6 +111,13 @@ pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
         .iter()
         .find(|m| m.name == name)
         .ok_or_else(|| Error::new(Kind::Usage, "method", format!("no method {name:?}")).allowed(names.join(", ")))?;
+    if scene.designed().is_some() && !method.designed {
+        let takers: Vec<&str> = REGISTRY.iter().filter(|m| m.designed).map(|m| m.name).collect();
+        let problem = format!("{name} animates a picture and takes no designed [target]");
+        return Err(
+            Error::new(Kind::Usage, "method", problem).allowed(format!("a method that does: {}", takers.join(", ")))
+        );
+    }
     let table = (method.complete)(&scene.options(method.name))?;
     scene.set_options(method.name, table);
     Ok(method)

@@ -144,6 +144,6 @@ fn drifting(run: &Run, compositor: Compositor, motion: &AssignedMotion) -> Compo
         return compositor;
     }
     let output = run.scene.settings().output;
-    let travel = Travel { motion: &motion.mean, pace: run.pace(), frames: output.frames, fps: output.fps };
+    let travel = Travel { motion: &motion.mean, pace: run.pace(), frames: output.length(), fps: output.fps };
     compositor.drifting(&run.still.working, &travel)
 }
