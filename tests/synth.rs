@@ -86,11 +86,14 @@ impl Stage {
     }
 }
 
+/// What methods need that do not get their motion from clips.
+const MOVING: &str = "[motion]\ndirection = 90\n";
+
 #[test]
 fn every_method_keeps_the_contract() {
     let stage = Stage::new();
     for method in REGISTRY {
-        let settings = format!("method = '{}'\n[output]\nframes = 24\n", method.name);
+        let settings = format!("method = '{}'\n{MOVING}[output]\nframes = 24\n", method.name);
         let once = |threads| par::with_threads(threads, || stage.run(&settings, &Silent)).unwrap().unwrap();
         let (frames, outcome) = once(1);
         assert_eq!(frames.len(), 24, "{}", method.name);
@@ -114,7 +117,7 @@ fn every_method_keeps_the_contract() {
 fn a_part_of_the_frames_is_as_in_the_whole() {
     let stage = Stage::new();
     for method in REGISTRY {
-        let settings = |range| format!("method = '{}'\n[output]\nframes = 24\n{range}", method.name);
+        let settings = |range| format!("method = '{}'\n{MOVING}[output]\nframes = 24\n{range}", method.name);
         let whole = stage.run(&settings(""), &Silent).unwrap().0;
         let part = stage.run(&settings("frames_range = [7, 20]"), &Silent).unwrap().0;
         assert!(part == whole[7..20], "{}", method.name);
@@ -210,8 +213,11 @@ impl Observer for Impatient {
 #[test]
 fn a_cancel_stops_the_run() {
     let stage = Stage::new();
-    let error = stage.run("[output]\nframes = 500\n", &Impatient::default()).unwrap_err();
-    assert_eq!(error.kind(), Kind::Interrupted);
+    for method in REGISTRY {
+        let settings = format!("method = '{}'\n{MOVING}[output]\nframes = 500\n", method.name);
+        let error = stage.run(&settings, &Impatient::default()).unwrap_err();
+        assert_eq!(error.kind(), Kind::Interrupted, "{}", method.name);
+    }
 }
 
 #[test]

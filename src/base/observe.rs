@@ -1,5 +1,7 @@
 //! Progress, cancellation, notes and timings of long work, through one trait.
 
+use std::collections::BTreeSet;
+use std::sync::Mutex;
 use std::time::Instant;
 
 use super::error::{Error, Result};
@@ -31,6 +33,45 @@ pub trait Observer: Sync {
 pub struct Silent;
 
 impl Observer for Silent {}
+
+/// Passes everything on to another observer, each note once.
+pub struct Once<'a> {
+    inner: &'a dyn Observer,
+    said: Mutex<BTreeSet<String>>,
+}
+
+impl<'a> Once<'a> {
+    /// Around `inner`.
+    pub fn new(inner: &'a dyn Observer) -> Self {
+        Self { inner, said: Mutex::default() }
+    }
+}
+
+impl Observer for Once<'_> {
+    fn begin(&self, stage: &str, total: u64) {
+        self.inner.begin(stage, total);
+    }
+    fn advance(&self, stage: &str, steps: u64) {
+        self.inner.advance(stage, steps);
+    }
+    fn end(&self, stage: &str, seconds: f64) {
+        self.inner.end(stage, seconds);
+    }
+    fn note(&self, message: &str) {
+        if self.said.lock().is_ok_and(|mut said| said.insert(message.to_owned())) {
+            self.inner.note(message);
+        }
+    }
+    fn wants_pictures(&self) -> bool {
+        self.inner.wants_pictures()
+    }
+    fn picture(&self, name: &str, size: (usize, usize), rgb: &[u8]) {
+        self.inner.picture(name, size, rgb);
+    }
+    fn cancelled(&self) -> bool {
+        self.inner.cancelled()
+    }
+}
 
 /// An error when the user asked to stop; call it once per step of long work.
 ///

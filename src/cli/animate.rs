@@ -42,6 +42,12 @@ pub struct Animate {
     /// Clips of the library that must not be used, by file name or hash as enliven-db inspect lists them (comma-separated)
     #[arg(long, value_name = "CLIP", value_delimiter = ',')]
     pub without: Vec<String>,
+    /// Picture or clip of a fluid whose looks are borrowed, for the exemplar methods [default: the picture's own fluid]
+    #[arg(long, value_name = "PICTURE|CLIP")]
+    pub exemplar: Option<PathBuf>,
+    /// Opacity of the exemplar: a grey picture of its size, or "luminance" for footage on black [default: the file's own]
+    #[arg(long, value_name = "luminance|PNG")]
+    pub exemplar_alpha: Option<PathBuf>,
     /// Main direction of the flow in degrees: 0 right, 90 down, -90 up
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = parse_direction)]
     pub direction: Option<f32>,
@@ -156,6 +162,11 @@ impl Animate {
         let over = self.clone();
         file.matte = over.matte.or(file.matte);
         file.background = over.background.or(file.background);
+        if over.exemplar.is_some() {
+            // The scene's opacity belongs to the scene's exemplar.
+            (file.exemplar, file.exemplar_alpha) = (over.exemplar, None);
+        }
+        file.exemplar_alpha = over.exemplar_alpha.or(file.exemplar_alpha);
         file.method = over.method.or(file.method);
         if over.direction.is_some() || over.strokes.is_some() || over.orientation.is_some() {
             // Whoever names a direction here does not want the scene's other ways of saying one.
@@ -202,8 +213,10 @@ impl Animate {
         if self.frames.is_none() && output.frames_range.is_none() {
             output.frames = Some(output.length().min((PREVIEW_SECONDS * output.fps) as usize).max(MIN_FRAMES));
         }
-        let options = file.options.entry(file.method.clone().unwrap_or_else(|| DEFAULT_METHOD.into())).or_default();
-        options.entry("candidates".into()).or_insert(Value::Integer(PREVIEW_CANDIDATES));
+        if file.method.as_deref().is_none_or(|method| method == DEFAULT_METHOD) {
+            let options = file.options.entry(DEFAULT_METHOD.into()).or_default();
+            options.entry("candidates".into()).or_insert(Value::Integer(PREVIEW_CANDIDATES));
+        }
         Ok(())
     }
 
@@ -347,9 +360,9 @@ fn refuse_input(places: &Places, file: &SceneFile) -> Result<()> {
     written.extend(places.preview.then(|| beside(places.output, "preview.png")));
     written.extend(places.report.into_iter().flat_map(|folder| FILES.map(|name| folder.join(name))));
     let written: Vec<PathBuf> = written.iter().filter_map(|path| path.canonicalize().ok()).collect();
-    let SceneFile { picture, matte, background, reference, library, motion, .. } = file;
+    let SceneFile { picture, matte, background, exemplar, exemplar_alpha, reference, library, motion, .. } = file;
     let Motion { strokes, orientation, speed, .. } = motion;
-    let optional = [matte, background, reference, strokes, orientation, speed];
+    let optional = [matte, background, exemplar, exemplar_alpha, reference, strokes, orientation, speed];
     let folders = file.target.iter().flat_map(|target| [&target.flow, &target.alpha].into_iter().chain(&target.height));
     let mut inputs = optional.into_iter().flatten().chain(library).chain([picture]).chain(folders);
     match inputs.find(|path| path.canonicalize().is_ok_and(|path| written.contains(&path))) {

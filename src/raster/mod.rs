@@ -4,5 +4,6 @@ pub mod components;
 pub mod filter;
 pub mod image;
 pub mod picture_io;
+pub mod premultiplied;
 pub mod pyramid;
 pub mod resample;

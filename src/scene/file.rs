@@ -11,13 +11,15 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::options::{Table, Value, explain, refuse_unknown, unknown};
 
 /// Keys of a scene file outside its tables.
-pub const KEYS: [&str; 11] = [
+pub const KEYS: [&str; 13] = [
     "picture",
     "matte",
     "background",
     "library",
     "use",
     "without",
+    "exemplar",
+    "exemplar_alpha",
     "method",
     "reference",
     "target",
@@ -26,6 +28,8 @@ pub const KEYS: [&str; 11] = [
 ];
 /// Keys of `[target]`.
 pub const TARGET_KEYS: [&str; 3] = ["flow", "alpha", "height"];
+/// The word that stands for a file in `exemplar_alpha`: what is bright is opaque.
+pub const LUMINANCE: &str = "luminance";
 /// Keys of `[motion]`.
 pub const MOTION_KEYS: [&str; 5] = ["direction", "strokes", "orientation", "speed", "max_speed"];
 /// Keys of `[output]`.
@@ -56,6 +60,12 @@ pub struct SceneFile {
     /// Clips of the libraries that must not be used, by the names that reports give them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub without: Vec<String>,
+    /// Picture or clip of a fluid whose looks are borrowed; none: the picture's own fluid.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exemplar: Option<PathBuf>,
+    /// Its opacity: a grey picture of its size, or [`LUMINANCE`]; none: the file's own, or opaque all over.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub exemplar_alpha: Option<PathBuf>,
     /// Registry name of the method.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub method: Option<String>,

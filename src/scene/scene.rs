@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::asked::Asked;
 use super::designed::Designed;
-use super::file::{self, Motion, Output, SceneFile, TargetFile};
+use super::file::{self, LUMINANCE, Motion, Output, SceneFile, TargetFile};
 use super::frame_map::FrameMap;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
@@ -51,9 +51,11 @@ fn for_each_path(scene: &mut SceneFile, mut f: impl FnMut(&mut PathBuf)) {
     if let Some(TargetFile { flow, alpha, height }) = &mut scene.target {
         [flow, alpha].into_iter().chain(height).for_each(&mut f);
     }
-    let SceneFile { matte, background, reference, library, motion, .. } = scene;
+    let SceneFile { matte, background, exemplar, exemplar_alpha, reference, library, motion, .. } = scene;
     let Motion { strokes, orientation, speed, .. } = motion;
-    [matte, background, reference, strokes, orientation, speed].into_iter().flatten().chain(library).for_each(f);
+    let exemplar_alpha = exemplar_alpha.as_mut().filter(|alpha| alpha.as_os_str() != LUMINANCE);
+    let optional = [matte, background, exemplar, reference, strokes, orientation, speed];
+    optional.into_iter().flatten().chain(exemplar_alpha).chain(library).for_each(f);
 }
 
 /// A checked scene.
@@ -112,6 +114,7 @@ impl Scene {
         }
         file.library.iter().try_for_each(|path| library_exists(path))?;
         file.reference.iter().chain(&file.motion.strokes).try_for_each(|path| exists(path))?;
+        check_exemplar(&file)?;
         let fit = if target.is_some() { FrameMap::of_target } else { FrameMap::new };
         let map = fit(size, file.output.size, file.output.working_size).map_err(|error| match error.kind() {
             Kind::Unusable => error.about(file.target.as_ref().map_or(&file.picture, |t| &t.flow).display()),
@@ -291,6 +294,16 @@ fn same_size(path: &Path, what: &str, size: (usize, usize)) -> Result<()> {
 
 fn exists(path: &Path) -> Result<()> {
     std::fs::metadata(path).map(|_| ()).map_err(|e| Error::io(path, "open", e))
+}
+
+fn check_exemplar(file: &SceneFile) -> Result<()> {
+    if let (None, Some(alpha)) = (&file.exemplar, &file.exemplar_alpha) {
+        let problem = format!("{} is given without an exemplar to go with it", alpha.display());
+        return Err(Error::new(Kind::Usage, "exemplar_alpha", problem)
+            .remedy("name an exemplar too; the opacity of the picture's own fluid is its matte"));
+    }
+    let alpha = file.exemplar_alpha.iter().filter(|alpha| alpha.as_os_str() != LUMINANCE);
+    file.exemplar.iter().chain(alpha).try_for_each(|path| exists(path))
 }
 
 fn library_exists(path: &Path) -> Result<()> {

@@ -1,10 +1,15 @@
 //! Methods that animate a scene, each behind one trait and one line of [`REGISTRY`].
 
 pub mod assignment_picture;
+pub mod carry;
+pub mod chain;
+pub mod channels;
 pub mod database;
+pub mod exemplar;
 pub mod footage;
 pub mod frames;
 pub mod gate;
+pub mod lazyfluids;
 pub mod legend;
 pub mod maps;
 pub mod memory;
@@ -16,6 +21,7 @@ pub mod placing;
 pub mod rates;
 pub mod record;
 pub mod rendering;
+pub mod sequence;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;
@@ -92,7 +98,7 @@ pub struct MethodEntry {
 }
 
 /// All methods.
-pub const REGISTRY: &[MethodEntry] = &[database::ENTRY];
+pub const REGISTRY: &[MethodEntry] = &[database::ENTRY, lazyfluids::ENTRY];
 
 /// The method of a scene that names none.
 pub const DEFAULT_METHOD: &str = "database";

@@ -3,7 +3,7 @@
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{Observer, stage};
 use crate::base::par;
-use crate::raster::image::{Plane, Rgb8};
+use crate::raster::image::{Color, Plane, Rgb8};
 use crate::raster::resample::{resize_color, resize_rgb8};
 use crate::render::boundary::{Boundary, flicker, fluid_flow};
 use crate::render::composite::local_contrast;
@@ -50,15 +50,32 @@ pub fn separate(still: &Still, observer: &dyn Observer) -> Result<(Layers, Optio
         }
         return Ok((layers, None));
     }
+    let filled = made_up(still, observer)?;
+    let (width, height) = (still.picture.width, still.picture.height);
+    let background = resize_color(&filled, width, height).to_rgb8();
+    let layers = Layers::split((&still.picture, &still.matte), (working, matte), (&background, &filled), false);
+    let (width, height) = still.map.picture;
+    let made = resize_rgb8(&layers.background, width, height);
+    Ok((layers, Some(made)))
+}
+
+/// What is behind the fluid, at output size: the user's, or made up from the rest of the picture.
+///
+/// # Errors
+/// A cancel.
+pub fn background(still: &Still, observer: &dyn Observer) -> Result<Rgb8> {
+    if let Some(background) = &still.background {
+        return Ok(background.clone());
+    }
+    let filled = made_up(still, observer)?;
+    Ok(resize_color(&filled, still.picture.width, still.picture.height).to_rgb8())
+}
+
+/// The working image without its fluid.
+fn made_up(still: &Still, observer: &dyn Observer) -> Result<Color> {
     stage(observer, "background", 0, || {
         observer.note("no background given: what the fluid uncovers is made up from the rest of the picture");
-        let filled = inpaint(working, &matte.map(|m| if m > COVERED { 1.0 } else { 0.0 }));
-        let (width, height) = (still.picture.width, still.picture.height);
-        let background = resize_color(&filled, width, height).to_rgb8();
-        let layers = Layers::split((&still.picture, &still.matte), (working, matte), (&background, &filled), false);
-        let (width, height) = still.map.picture;
-        let made = resize_rgb8(&layers.background, width, height);
-        Ok((layers, Some(made)))
+        Ok(inpaint(&still.working, &still.working_matte.map(|m| if m > COVERED { 1.0 } else { 0.0 })))
     })
 }
 

@@ -1,0 +1,219 @@
+//! Frames one after the other, each from the one before: what all exemplar methods on the patch engine share.
+
+use std::borrow::Cow;
+
+use super::carry::{Carry, moved, shown};
+use super::channels::{Channels, Parts};
+use super::exemplar::Exemplar;
+use crate::base::error::Result;
+use crate::base::observe::Observer;
+use crate::base::rng;
+use crate::flow::field::Field;
+use crate::patch::engine::{Engine, Frame, Image, LevelReport, Settings, Source, Target as Start};
+use crate::patch::nnf::Nnf;
+use crate::patch::segments::Thresholds;
+use crate::patch::vote::Anchor;
+use crate::raster::image::Plane;
+use crate::raster::premultiplied::Premultiplied;
+use crate::scene::target::Target;
+
+/// Deviation of the noise that a first frame starts from, and its blur in pixels.
+const NOISE: (f32, f32) = (0.25, 1.0);
+
+/// How a method uses the engine.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recipe {
+    /// What is compared.
+    pub channels: Channels,
+    /// Reach of a patch from its centre, pixels.
+    pub radius: usize,
+    /// How the engine works.
+    pub settings: Settings,
+    /// Whether the exemplar turned by quarter turns is a source too.
+    pub turned: bool,
+    /// Weight of the frame before at every pixel, in patches; 0: it has none of its own.
+    pub anchor: f32,
+    /// Whether the field of the frame before is offered to the search.
+    pub carries_field: bool,
+}
+
+/// What a frame leaves for the next.
+#[derive(Debug, Clone)]
+pub struct State {
+    /// Its number; negative ones come before the first.
+    pub t: i64,
+    /// The frame, on whole pixels.
+    pub layer: Premultiplied,
+    /// Where its patches come from.
+    pub field: Nnf,
+    /// Motion that is still owed, pixels.
+    pub owed: Field,
+    /// How the work went, coarse to fine.
+    pub levels: Vec<LevelReport>,
+}
+
+impl State {
+    /// The frame as it is shown: moved by what is owed.
+    pub fn shown(&self) -> Premultiplied {
+        let offset = shown(&self.owed);
+        Premultiplied::from_planes(self.layer.planes.each_ref().map(|p| moved(p, &offset)))
+    }
+}
+
+/// Makes frames.
+pub struct Chain<'a> {
+    recipe: &'a Recipe,
+    engine: Engine,
+    exemplar: &'a Exemplar,
+    target: &'a Target,
+    observer: &'a dyn Observer,
+    /// Where the exemplar is the same in all frames.
+    source: Option<Source>,
+    /// The fluid's surroundings, where patches know them.
+    around: Option<[Plane; 3]>,
+    opaque: bool,
+}
+
+impl<'a> Chain<'a> {
+    /// Prepares the exemplar.
+    ///
+    /// # Errors
+    /// An exemplar without patches.
+    pub fn new(
+        recipe: &'a Recipe,
+        exemplar: &'a Exemplar,
+        target: &'a Target,
+        observer: &'a dyn Observer,
+    ) -> Result<Self> {
+        let engine = Engine::new(recipe.channels.layout(recipe.radius)?, recipe.settings.clone());
+        let around = recipe.channels.surroundings(&exemplar.at(0));
+        let opaque = exemplar.is_opaque() || !recipe.channels.makes_alpha();
+        let mut chain = Self { recipe, engine, exemplar, target, observer, source: None, around, opaque };
+        if exemplar.is_still() {
+            chain.source = Some(chain.source(0, 0)?);
+        }
+        Ok(chain)
+    }
+
+    /// The first frame: the picture's own fluid, or made from nothing (λ = 0).
+    ///
+    /// # Errors
+    /// Unreadable targets, a cancel.
+    pub fn first(&self) -> Result<State> {
+        let alpha = self.target.alpha(0)?;
+        let start = self.beginning(&alpha);
+        let zero = Plane::zeros(alpha.width, alpha.height);
+        let kept = self.exemplar.own.then(|| Plane::filled(alpha.width, alpha.height, 1.0));
+        let image = self.image(&start, &alpha, &start);
+        let target = Start { modulation: Some(zero), kept, ..Start::new(image) };
+        let source = self.source_of(0, 0)?;
+        let frame = self.engine.frame(source.as_ref(), &target, self.observer)?;
+        let mut state = self.state(0, frame, &alpha, Field::zeros(alpha.width, alpha.height));
+        if self.exemplar.own {
+            state.layer = start;
+        }
+        Ok(state)
+    }
+
+    /// The frame after `state`, or with `back` the one before it.
+    ///
+    /// # Errors
+    /// Unreadable targets, a cancel.
+    pub fn next(&self, state: &State, back: bool) -> Result<State> {
+        let t = if back { state.t - 1 } else { state.t + 1 };
+        let (alpha, flow) = self.motion(state.t, t)?;
+        let carry = Carry::new(&flow, &state.owed);
+        let before = Premultiplied::from_planes(state.layer.planes.each_ref().map(|p| carry.carried(p)));
+        let coherence = self.coherence(state.t, &alpha, &flow, &carry)?;
+        let anchor = (self.recipe.anchor > 0.0).then(|| self.anchor(&before, &coherence));
+        let target = Start {
+            image: self.image(&before, &alpha, &before),
+            kept: Some(coherence.clone()),
+            modulation: Some(coherence),
+            anchor,
+            previous: self.recipe.carries_field.then(|| state.field.carried(|x, y| carry.position(x, y))),
+        };
+        let source = self.source_of(t, state.t)?;
+        let frame = self.engine.frame(source.as_ref(), &target, self.observer)?;
+        Ok(self.state(t, frame, &alpha, carry.owed))
+    }
+
+    /// Designed opacity of frame `to`, and the motion that leads there from its neighbour `from`.
+    fn motion(&self, from: i64, to: i64) -> Result<(Plane, Field)> {
+        // Only what is the same in every frame is followed backwards, and beyond the ends.
+        let place = |t: i64| t.clamp(0, self.target.frames() as i64 - 1) as usize;
+        let mut flow = self.target.flow(place(to))?;
+        if to < from {
+            flow.u.data.iter_mut().chain(&mut flow.v.data).for_each(|v| *v = -*v);
+        }
+        Ok((self.target.alpha(place(to))?, flow))
+    }
+
+    /// λ_q / λ (LazyFluids, Eq. 6): 1 where fluid was before, 0 where it is new.
+    fn coherence(&self, from: i64, alpha: &Plane, flow: &Field, carry: &Carry) -> Result<Plane> {
+        let place = from.clamp(0, self.target.frames() as i64 - 1) as usize;
+        let before = moved(&self.target.alpha(place)?, flow);
+        let mut coherence = carry.known();
+        for ((c, now), before) in coherence.data.iter_mut().zip(&alpha.data).zip(&before.data) {
+            *c *= 1.0 - (now - before.clamp(0.0, 1.0)).max(0.0);
+        }
+        Ok(coherence)
+    }
+
+    fn anchor(&self, before: &Premultiplied, coherence: &Plane) -> Anchor {
+        let synthesised = self.engine.layout().synthesised();
+        let weight = coherence.map(|c| c * self.recipe.anchor);
+        Anchor { planes: before.planes[..synthesised].to_vec(), weight }
+    }
+
+    fn source_of(&self, t: i64, before: i64) -> Result<Cow<'_, Source>> {
+        self.source.as_ref().map_or_else(|| Ok(Cow::Owned(self.source(t, before)?)), |s| Ok(Cow::Borrowed(s)))
+    }
+
+    /// Exemplar frame `t` with `before` as the one before it.
+    fn source(&self, t: i64, before: i64) -> Result<Source> {
+        let (now, before) = (self.exemplar.at(t), self.exemplar.at(before));
+        let around = self.around.as_ref();
+        let parts = Parts { now: &now, alpha: now.alpha(), before: &before, around, opaque: self.opaque };
+        let image = self.recipe.channels.image(&parts, self.thresholds().lower);
+        self.engine.source(&if self.recipe.turned { image.quarter_turns().to_vec() } else { vec![image] })
+    }
+
+    fn image(&self, now: &Premultiplied, alpha: &Plane, before: &Premultiplied) -> Image {
+        let around = self.around.as_ref();
+        let parts = Parts { now, alpha, before, around, opaque: self.opaque };
+        self.recipe.channels.image(&parts, self.thresholds().lower)
+    }
+
+    fn thresholds(&self) -> Thresholds {
+        self.recipe.settings.thresholds
+    }
+
+    fn state(&self, t: i64, frame: Frame, alpha: &Plane, owed: Field) -> State {
+        let mut planes = frame.planes.into_iter();
+        let mut next = || planes.next().unwrap_or_else(|| alpha.clone());
+        let layer = Premultiplied::from_planes([next(), next(), next(), next()]);
+        State { t, layer, field: frame.nnf, owed, levels: frame.levels }
+    }
+
+    /// What the first frame starts from: the picture's own fluid, or noise about the exemplar's mean colour.
+    fn beginning(&self, alpha: &Plane) -> Premultiplied {
+        let exemplar = self.exemplar.at(0);
+        if self.exemplar.own {
+            return exemplar.into_owned();
+        }
+        let (width, height) = (alpha.width, alpha.height);
+        let mean = |c: usize| {
+            let total: f64 = exemplar.alpha().data.iter().map(|&a| f64::from(a)).sum();
+            (exemplar.planes[c].data.iter().map(|&v| f64::from(v)).sum::<f64>() / total.max(1e-6)) as f32
+        };
+        let colour = |c: usize| {
+            let (mean, seed) = (mean(c), self.recipe.settings.seed);
+            let value = |x: usize, y: usize| rng::unit(rng::hash(seed, &[c as u64, x as u64, y as u64])) - 0.5;
+            let noise = crate::raster::filter::gaussian(&Plane::from_fn(width, height, value), NOISE.1);
+            let shaded = noise.data.iter().zip(&alpha.data).map(|(n, a)| a * (mean + NOISE.0 * n * 4.0));
+            Plane::from_vec(width, height, shaded.collect())
+        };
+        Premultiplied::from_planes([colour(0), colour(1), colour(2), alpha.clone()])
+    }
+}

@@ -1,0 +1,124 @@
+//! LazyFluids: the looks of an exemplar on a fluid whose motion is given (Jamriška et al. 2015).
+
+use super::chain::Recipe;
+use super::channels::{Channels, Content};
+use super::exemplar::Exemplar;
+use super::record::Timed;
+use super::sequence::{Run, animate};
+use super::{MethodEntry, Outcome, Sources, Synthesizer};
+use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::stage;
+use crate::base::options::declare_options;
+use crate::patch::channels::Role;
+use crate::patch::engine::Settings;
+use crate::patch::rules::Rule;
+use crate::patch::segments::Thresholds;
+use crate::scene::scene::Scene;
+use crate::scene::target::Target;
+use crate::video::clip::Sink;
+
+declare_options! {
+    /// Options of LazyFluids.
+    pub struct Options named "lazyfluids" {
+        /// Which patches may be used how often: "uniform" is the method, the others are what it is compared with.
+        nnf: Rule = Rule::Uniform, in 0, 4, "", "LazyFluids 2015, §4.1, Fig. 2";
+        /// Weight of the frame before.
+        lambda: f32 = 0.2, in 0, 10, "ratio", "LazyFluids 2015, Eq. 9";
+        /// Weight of blurred alpha: less gives richer outlines.
+        eta: f32 = 3.0, in 0, 10, "ratio", "LazyFluids 2015, Eq. 9";
+        /// Half width of the blur of alpha.
+        r: f32 = 3.0, in 0, 50, "pixels", "LazyFluids 2015, §4.2";
+        /// Blurred alpha up to which there is nothing.
+        l: f32 = 0.1, in 0, 1, "ratio", "LazyFluids 2015, §4.2";
+        /// Blurred alpha from which a patch is inside.
+        u: f32 = 0.9, in 0, 1, "ratio", "LazyFluids 2015, §4.2";
+        /// Side of a patch, odd.
+        patch: usize = 5, in 3, 9, "pixels", "LazyFluids 2015, §5";
+        /// Quarter turns of the exemplar that are sources too: 4, or 1 for the exemplar as it stands.
+        rotations: usize = 1, in 1, 4, "turns", "LazyFluids 2015, Fig. 8";
+        /// Most rounds of search and vote on the finest level; the coarsest has twice as many.
+        iterations: usize = 12, in 1, 1000, "rounds", "methods §2.2";
+        /// How much the picture's own fluid keeps its place: weight of the colours around a pixel.
+        place: f32 = 1.0, in 0, 10, "ratio", "ours";
+        /// How far around.
+        around: f32 = 12.0, in 1, 200, "pixels", "ours";
+        /// Long side of the exemplar; 0 is that of the working image. It is never enlarged.
+        exemplar_size: usize = 0, in 0, 4096, "pixels", "ours";
+        /// Frames of the fade that closes a loop.
+        fade: usize = 16, in 0, 1000, "frames", "methods §2.4";
+    }
+}
+
+/// Registry entry.
+pub const ENTRY: MethodEntry = MethodEntry {
+    name: "lazyfluids",
+    summary: "gives a fluid of known motion the looks of an exemplar, all of whose patches are used equally often",
+    citation: "Jamriška, Fišer, Asente, Lu, Shechtman & Sýkora, \"LazyFluids: Appearance Transfer for Fluid Animations\", \
+               ACM TOG 34(4), 2015",
+    options: Options::declared,
+    complete: |table| Ok(Options::from_table(table)?.checked()?.to_table()),
+    build: |table| Ok(Box::new(LazyFluids { options: Options::from_table(table)?.checked()? })),
+};
+
+/// The method with its options.
+pub struct LazyFluids {
+    options: Options,
+}
+
+impl Options {
+    /// What a range alone cannot say.
+    fn checked(self) -> Result<Self> {
+        let bad = |key: &str, value: String, allowed: &str| {
+            Err(Error::new(Kind::Usage, format!("lazyfluids.{key}"), format!("{value} is out of range")).allowed(allowed))
+        };
+        match self {
+            Self { patch, .. } if patch % 2 == 0 => bad("patch", patch.to_string(), "3, 5, 7 or 9"),
+            Self { rotations, .. } if ![1, 4].contains(&rotations) => bad("rotations", rotations.to_string(), "1 or 4"),
+            Self { l, u, .. } if l >= u => bad("l", l.to_string(), "less than lazyfluids.u"),
+            _ => Ok(self),
+        }
+    }
+
+    /// The channels of Eq. 8 with the weights of Eq. 9; the picture's own fluid also keeps its place.
+    fn channels(&self, own: bool) -> Channels {
+        use Content::{Around, Before, Blurred, Now};
+        let mut all: Vec<(Content, f32, Role)> = (0..3).map(|c| (Now(c), 1.0, Role::Synthesised)).collect();
+        all.extend([(Now(3), 3.0, Role::Synthesised), (Blurred, self.eta, Role::Guide)]);
+        all.extend((0..3).map(|c| (Before(c), self.lambda, Role::Modulated)));
+        all.push((Before(3), 3.0 * self.lambda, Role::Modulated));
+        if own && self.place > 0.0 {
+            all.extend((0..3).map(|c| (Around(c), self.place, Role::Guide)));
+        }
+        Channels::new(all, self.r / 2.0, self.around)
+    }
+
+    fn recipe(&self, own: bool, seed: u64) -> Recipe {
+        let settings = Settings {
+            rule: self.nnf,
+            iterations: (2 * self.iterations, self.iterations),
+            thresholds: Thresholds { lower: self.l, upper: self.u },
+            seed,
+            ..Settings::default()
+        };
+        Recipe {
+            channels: self.channels(own),
+            radius: self.patch / 2,
+            settings,
+            turned: self.rotations == 4,
+            anchor: 0.0,
+            carries_field: true,
+        }
+    }
+}
+
+impl Synthesizer for LazyFluids {
+    fn synthesize(&self, scene: &Scene, _: &Sources, sink: &mut dyn Sink, observer: &Timed) -> Result<Outcome> {
+        let options = &self.options;
+        let still = stage(observer, "read picture", 0, || scene.still(observer))?;
+        let target = Target::of(scene, &still)?;
+        let exemplar = Exemplar::of(scene, &still, options.exemplar_size, options.patch)?;
+        let recipe = options.recipe(exemplar.own, scene.settings().output.seed);
+        let run = Run { scene, still: &still, target: &target, exemplar: &exemplar, observer };
+        animate(&run, &recipe, options.fade, sink)
+    }
+}

@@ -1,0 +1,103 @@
+//! Methods that borrow looks from an exemplar: which exemplars, which patches, what motion, what is refused.
+
+use std::path::PathBuf;
+
+use enliven::base::error::{Error, Result};
+use enliven::base::observe::Silent;
+use enliven::base::rng;
+use enliven::raster::filter::gaussian;
+use enliven::raster::image::{Color, Plane, Rgb8};
+use enliven::raster::picture_io::{write_grey_png, write_png};
+use enliven::scene::scene::{Scene, open};
+use enliven::synth::{Outcome, run};
+use enliven::video::clip::Sink;
+
+/// Keeps the frames.
+#[derive(Default)]
+struct Keep(Vec<Rgb8>);
+
+impl Sink for Keep {
+    fn push(&mut self, frame: &Rgb8) -> Result<()> {
+        self.0.push(frame.clone());
+        Ok(())
+    }
+
+    fn finish(self: Box<Self>) -> Result<()> {
+        Ok(())
+    }
+}
+
+/// Coloured soft noise.
+fn texture(width: usize, height: usize, seed: u64) -> Rgb8 {
+    let plane = |c: u64| {
+        let noise = Plane::from_fn(width, height, |x, y| rng::unit(rng::hash(seed, &[c, x as u64, y as u64])) - 0.5);
+        gaussian(&noise, 1.5).map(|v| (0.5 + 1.6 * v).clamp(0.0, 1.0))
+    };
+    Color::from_planes([plane(0), plane(1), plane(2)]).to_rgb8()
+}
+
+/// A folder with a picture whose right two thirds are fluid.
+struct Stage(tempfile::TempDir);
+
+const SIZE: (usize, usize) = (132, 96);
+
+impl Stage {
+    fn new() -> Self {
+        let stage = Self(tempfile::tempdir().unwrap());
+        write_png(&stage.path("p.png"), &texture(SIZE.0, SIZE.1, 1)).unwrap();
+        let matte = Plane::from_fn(SIZE.0, SIZE.1, |x, _| ((x as f32 - 40.0) / 4.0).clamp(0.0, 1.0));
+        write_grey_png(&stage.path("m.png"), &matte).unwrap();
+        write_png(&stage.path("e.png"), &texture(40, 36, 5)).unwrap();
+        stage
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn run(&self, more: &str) -> Result<(Vec<Rgb8>, Outcome)> {
+        std::fs::write(self.path("scene.toml"), format!("picture = 'p.png'\nmatte = 'm.png'\n{more}")).unwrap();
+        let mut sink = Keep::default();
+        let outcome = run(&Scene::new(open(&self.path("scene.toml"))?)?, &mut sink, &Silent)?;
+        Ok((sink.0, outcome))
+    }
+
+    fn error(&self, more: &str) -> Error {
+        self.run(more).unwrap_err()
+    }
+}
+
+const LAZY: &str = "method = 'lazyfluids'\n";
+const DOWN: &str = "[motion]\ndirection = 90\n[output]\nframes = 6\n";
+
+#[test]
+fn the_first_frame_is_the_picture_itself() {
+    let stage = Stage::new();
+    let (frames, _) = stage.run(&format!("{LAZY}{DOWN}")).unwrap();
+    let picture = texture(SIZE.0, SIZE.1, 1);
+    let apart = frames[0].data.iter().zip(&picture.data).map(|(a, b)| a.abs_diff(*b)).max();
+    assert!(apart <= Some(2), "{apart:?}");
+}
+
+#[test]
+fn what_cannot_be_borrowed_is_named() {
+    let stage = Stage::new();
+    let contains = |more: &str, words: &str| {
+        let error = stage.error(more).to_string();
+        assert!(error.contains(words), "{error:?} should contain {words:?}");
+    };
+    write_grey_png(&stage.path("black.png"), &Plane::zeros(40, 36)).unwrap();
+    write_grey_png(&stage.path("small.png"), &Plane::filled(20, 36, 1.0)).unwrap();
+    write_png(&stage.path("tiny.png"), &texture(4, 30, 1)).unwrap();
+    contains(&format!("{LAZY}exemplar = 'none.png'\n{DOWN}"), "none.png");
+    contains(&format!("{LAZY}exemplar = 'tiny.png'\n{DOWN}"), "tiny.png: an exemplar of 4 × 30 pixels");
+    contains(&format!("{LAZY}exemplar_alpha = 'luminance'\n{DOWN}"), "luminance is given without an exemplar");
+    let with = |alpha: &str| format!("{LAZY}exemplar = 'e.png'\nexemplar_alpha = '{alpha}'\n{DOWN}");
+    contains(&with("nothing.png"), "nothing.png");
+    contains(&with("black.png"), "e.png: the exemplar is transparent all over");
+    contains(&with("small.png"), "small.png: is 20 × 36 pixels, the exemplar 40 × 36");
+    contains(&format!("{LAZY}{DOWN}[lazyfluids]\npatch = 6"), "lazyfluids.patch: 6 is out of range (allowed: 3, 5, 7 or 9");
+    contains(&format!("{LAZY}{DOWN}[lazyfluids]\nrotations = 3"), "lazyfluids.rotations: 3 is out of range");
+    contains(&format!("{LAZY}{DOWN}[lazyfluids]\nl = 0.95"), "lazyfluids.l: 0.95 is out of range");
+    contains(&format!("{LAZY}[output]\nframes = 6\n"), "--direction");
+}
