@@ -29,9 +29,13 @@ impl Exemplar {
     /// The exemplar of a scene, its long side at most `long_side` pixels (0: that of the working image); it is never enlarged.
     ///
     /// # Errors
-    /// A file that cannot be read; opacity of another size, or none anywhere; an exemplar smaller than a patch of `side`.
+    /// A designed target without an exemplar; a file that cannot be read; opacity of another size, or none anywhere; an exemplar smaller than a patch of `side`.
     pub fn of(scene: &Scene, still: &Still, long_side: usize, side: usize) -> Result<Self> {
         let Some(path) = &scene.settings().exemplar else {
+            if scene.designed().is_some() {
+                return Err(Error::new(Kind::Usage, "exemplar", "a designed target has no fluid of its own")
+                    .remedy("name a picture or a clip whose looks are borrowed, with --exemplar"));
+            }
             return Ok(Self { frames: vec![Premultiplied::new(&still.working, &still.working_matte)], own: true });
         };
         let long_side = if long_side == 0 { still.map.working.0.max(still.map.working.1) } else { long_side };

@@ -55,6 +55,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     summary: "gives a fluid of known motion the looks of an exemplar, all of whose patches are used equally often",
     citation: "Jamriška, Fišer, Asente, Lu, Shechtman & Sýkora, \"LazyFluids: Appearance Transfer for Fluid Animations\", \
                ACM TOG 34(4), 2015",
+    designed: true,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.checked()?.to_table()),
     build: |table| Ok(Box::new(LazyFluids { options: Options::from_table(table)?.checked()? })),
@@ -116,6 +117,7 @@ impl Synthesizer for LazyFluids {
         let options = &self.options;
         let still = stage(observer, "read picture", 0, || scene.still(observer))?;
         let target = Target::of(scene, &still)?;
+        target.note(observer);
         let exemplar = Exemplar::of(scene, &still, options.exemplar_size, options.patch)?;
         let recipe = options.recipe(exemplar.own, scene.settings().output.seed);
         let run = Run { scene, still: &still, target: &target, exemplar: &exemplar, observer };

@@ -102,14 +102,15 @@ fn closed(
 
 /// What the fluid is laid over.
 fn overlay(run: &Run) -> Result<Overlay> {
-    let Run { still, exemplar, observer, .. } = *run;
+    let Run { scene, still, exemplar, observer, .. } = *run;
     // The picture's own fluid fills its matte: nothing shows through that did not before.
     let behind = if exemplar.own && still.background.is_none() {
         None
     } else {
         Some(super::outline::background(still, observer)?)
     };
-    Ok(Overlay { picture: still.picture.clone(), matte: Some(still.matte.clone()), behind })
+    let matte = scene.designed().is_none().then(|| still.matte.clone());
+    Ok(Overlay { picture: still.picture.clone(), matte, behind })
 }
 
 fn outcome(run: &Run) -> Result<Outcome> {
