@@ -96,7 +96,10 @@ fn what_cannot_be_borrowed_is_named() {
     contains(&with("nothing.png"), "nothing.png");
     contains(&with("black.png"), "e.png: the exemplar is transparent all over");
     contains(&with("small.png"), "small.png: is 20 × 36 pixels, the exemplar 40 × 36");
-    contains(&format!("{LAZY}{DOWN}[lazyfluids]\npatch = 6"), "lazyfluids.patch: 6 is out of range (allowed: 3, 5, 7 or 9");
+    contains(
+        &format!("{LAZY}{DOWN}[lazyfluids]\npatch = 6"),
+        "lazyfluids.patch: 6 is out of range (allowed: 3, 5, 7 or 9",
+    );
     contains(&format!("{LAZY}{DOWN}[lazyfluids]\nrotations = 3"), "lazyfluids.rotations: 3 is out of range");
     contains(&format!("{LAZY}{DOWN}[lazyfluids]\nl = 0.95"), "lazyfluids.l: 0.95 is out of range");
     contains(&format!("{LAZY}[output]\nframes = 6\n"), "--direction");

@@ -29,7 +29,8 @@ pub fn mixed(a: &Premultiplied, b: &Premultiplied, share: f32) -> Premultiplied 
 fn gains((a, low_a): (&Premultiplied, &[Plane]), (b, low_b): (&Premultiplied, &[Plane]), share: f32) -> Plane {
     let (width, height) = a.size();
     let product = |(f, low_f): (&Premultiplied, &[Plane]), (g, low_g): (&Premultiplied, &[Plane])| {
-        let detail = |image: &Premultiplied, low: &[Plane], c: usize, i: usize| image.planes[c].data[i] - low[c].data[i];
+        let detail =
+            |image: &Premultiplied, low: &[Plane], c: usize, i: usize| image.planes[c].data[i] - low[c].data[i];
         let sum = |i: usize| (0..3).map(|c| detail(f, low_f, c, i) * detail(g, low_g, c, i)).sum();
         gaussian(&Plane::from_vec(width, height, (0..width * height).map(sum).collect()), SIGMA)
     };
@@ -50,7 +51,8 @@ mod tests {
     use crate::base::rng;
 
     fn noise(seed: u64) -> Premultiplied {
-        let plane = |c: u64| Plane::from_fn(64, 48, |x, y| 0.3 + 0.4 * rng::unit(rng::hash(seed, &[c, x as u64, y as u64])));
+        let plane =
+            |c: u64| Plane::from_fn(64, 48, |x, y| 0.3 + 0.4 * rng::unit(rng::hash(seed, &[c, x as u64, y as u64])));
         Premultiplied::from_planes([plane(0), plane(1), plane(2), Plane::filled(64, 48, 1.0)])
     }
 

@@ -45,9 +45,7 @@ impl Carry {
             ((du as i32, dv as i32), rest(u + ou - du), rest(v + ov - dv))
         };
         let all = par::map(width * height, carried);
-        let plane = |f: fn(&((i32, i32), f32, f32)) -> f32| {
-            Plane::from_vec(width, height, all.iter().map(f).collect())
-        };
+        let plane = |f: fn(&((i32, i32), f32, f32)) -> f32| Plane::from_vec(width, height, all.iter().map(f).collect());
         let owed = Field { u: plane(|c| c.1), v: plane(|c| c.2) };
         Self { width, height, steps: all.iter().map(|c| c.0).collect(), owed }
     }
@@ -84,8 +82,7 @@ pub fn moved(plane: &Plane, offset: &Field) -> Plane {
     par::for_each_chunk(&mut out.data, width, |y, row| {
         for (x, value) in row.iter_mut().enumerate() {
             let (dx, dy) = (offset.u.at(x, y), offset.v.at(x, y));
-            *value =
-                if (dx, dy) == (0.0, 0.0) { plane.at(x, y) } else { sharp(plane, x as f32 - dx, y as f32 - dy) };
+            *value = if (dx, dy) == (0.0, 0.0) { plane.at(x, y) } else { sharp(plane, x as f32 - dx, y as f32 - dy) };
         }
     });
     out
@@ -112,7 +109,8 @@ fn sharp(plane: &Plane, x: f32, y: f32) -> f32 {
 
 /// Weights of the six pixels around a place `f` past the third.
 fn lanczos(f: f32) -> [f32; 6] {
-    let sinc = |x: f32| if x.abs() < 1e-4 { 1.0 } else { (std::f32::consts::PI * x).sin() / (std::f32::consts::PI * x) };
+    let sinc =
+        |x: f32| if x.abs() < 1e-4 { 1.0 } else { (std::f32::consts::PI * x).sin() / (std::f32::consts::PI * x) };
     let weights: [f32; 6] = std::array::from_fn(|i| {
         let d = f + 2.0 - i as f32;
         sinc(d) * sinc(d / 3.0)

@@ -89,7 +89,8 @@ fn still_frame(path: &Path, alpha: Option<&Path>) -> Result<Premultiplied> {
             let plane = read_grey(alpha)?;
             let size = (picture.rgb.width, picture.rgb.height);
             if (plane.width, plane.height) != size {
-                let problem = format!("is {} × {} pixels, the exemplar {} × {}", plane.width, plane.height, size.0, size.1);
+                let problem =
+                    format!("is {} × {} pixels, the exemplar {} × {}", plane.width, plane.height, size.0, size.1);
                 return Err(Error::file(Kind::Unusable, alpha, problem).remedy("make it the exemplar's size"));
             }
             Ok(Premultiplied::new(&picture.rgb.to_color(), &plane))

@@ -70,7 +70,8 @@ impl Options {
     /// What a range alone cannot say.
     fn checked(self) -> Result<Self> {
         let bad = |key: &str, value: String, allowed: &str| {
-            Err(Error::new(Kind::Usage, format!("lazyfluids.{key}"), format!("{value} is out of range")).allowed(allowed))
+            Err(Error::new(Kind::Usage, format!("lazyfluids.{key}"), format!("{value} is out of range"))
+                .allowed(allowed))
         };
         match self {
             Self { patch, .. } if patch % 2 == 0 => bad("patch", patch.to_string(), "3, 5, 7 or 9"),

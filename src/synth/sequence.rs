@@ -2,10 +2,10 @@
 
 use std::collections::VecDeque;
 
+use super::Outcome;
 use super::chain::{Chain, Recipe, State};
 use super::exemplar::Exemplar;
 use super::record::{RunRecord, Timed};
-use super::Outcome;
 use crate::base::error::Result;
 use crate::base::observe::{self, Observer, Once, stage};
 use crate::flow::draw;
