@@ -45,8 +45,9 @@ impl Carry {
             ((du as i32, dv as i32), rest(u + ou - du), rest(v + ov - dv))
         };
         let all = par::map(width * height, carried);
-        let plane = |f: fn(&((i32, i32), f32, f32)) -> f32| Plane::from_vec(width, height, all.iter().map(f).collect());
-        let owed = Field { u: plane(|c| c.1), v: plane(|c| c.2) };
+        let u = Plane::from_vec(width, height, all.iter().map(|c| c.1).collect());
+        let v = Plane::from_vec(width, height, all.iter().map(|c| c.2).collect());
+        let owed = Field { u, v };
         Self { width, height, steps: all.iter().map(|c| c.0).collect(), owed }
     }
 
