@@ -159,13 +159,16 @@ fn the_name_of_the_picture_does_not_matter() {
 #[test]
 fn the_loop_closes_as_smoothly_as_it_goes_on() {
     let stage = Stage::new();
-    let (frames, _) = stage.run("[output]\nframes = 32\n", &Silent).unwrap();
-    let step = |a: &Rgb8, b: &Rgb8| {
-        a.data.iter().zip(&b.data).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>()
-    };
-    let steps: Vec<f64> = (0..32).map(|t| step(&frames[t], &frames[(t + 1) % 32])).collect();
-    let typical = steps[..31].iter().sum::<f64>() / 31.0;
-    assert!(steps[31] < 2.0 * typical, "seam {} typical {typical}", steps[31]);
+    for method in REGISTRY {
+        let settings = format!("method = '{}'\n{MOVING}[output]\nframes = 32\n", method.name);
+        let (frames, _) = stage.run(&settings, &Silent).unwrap();
+        let step = |a: &Rgb8, b: &Rgb8| {
+            a.data.iter().zip(&b.data).map(|(a, b)| (f64::from(*a) - f64::from(*b)).powi(2)).sum::<f64>()
+        };
+        let steps: Vec<f64> = (0..32).map(|t| step(&frames[t], &frames[(t + 1) % 32])).collect();
+        let typical = steps[..31].iter().sum::<f64>() / 31.0;
+        assert!(steps[31] < 2.0 * typical, "{}: seam {} typical {typical}", method.name, steps[31]);
+    }
 }
 
 #[test]
@@ -234,6 +237,12 @@ fn mistakes_are_named() {
     contains("[database]\ntau = 1", "database.tau: 1 is out of range");
     contains("[database]\ntau = -0.5", "database.tau: -0.5 is out of range (allowed: 0 to 0.98, or -1");
     contains("[database]\nshutter = -1", "database.shutter: -1 is out of range");
+    contains("method = 'advect'", "no motion is asked for anywhere on the fluid");
+    contains("method = 'advect'", "draw strokes along the flow (--strokes), or give --direction");
+    contains("[advect]\nlife = 2", "advect.life: 2 is out of range");
+    contains("[hybrid]\nshutter = 1", "hybrid.shutter: no such key");
+    contains("[hybrid]\nsigma = -1", "hybrid.sigma: -1 is out of range");
+    contains("[hybrid]\ntau = -0.5", "hybrid.tau: -0.5 is out of range");
     contains("use = ['lava']", "no clip of the library is tagged lava (allowed: test)");
     let [a, b, c] = stage.clips();
     let mut misspelt = a.clone();
@@ -243,13 +252,15 @@ fn mistakes_are_named() {
     contains("without = ['my clip']", "`enliven-db inspect` lists its clips");
     contains(&format!("without = ['{a}', '{b}', '{c}']"), "without: leaves no piece of the library to use");
     std::fs::write(stage.path("text.pack"), "not a pack").unwrap();
-    let scene = |library: &[&Path]| {
+    let scene = |library: &[&Path], method: &str| {
         let mut file = open(&stage.path("p.png")).unwrap();
+        file.method = Some(method.to_owned());
         file.library = library.iter().map(|p| p.to_path_buf()).collect();
         run(&Scene::new(file).unwrap(), &mut Keep::default(), &Silent).unwrap_err().to_string()
     };
-    assert!(scene(&[]).contains("needs a library"));
-    assert!(scene(&[&stage.path("text.pack")]).contains("text.pack"));
+    assert!(scene(&[], "database").contains("the database method needs a library"));
+    assert!(scene(&[], "hybrid").contains("the hybrid method needs a library"));
+    assert!(scene(&[&stage.path("text.pack")], "database").contains("text.pack"));
 }
 
 /// Keeps fluid and opacity.

@@ -300,13 +300,24 @@ macro_rules! declare_options {
             /// # Errors
             /// Unknown keys, values of the wrong sort or out of range, by name.
             pub fn from_table(table: &$crate::base::options::Table) -> $crate::base::error::Result<Self> {
+                Self::from_table_of($owner, table)
+            }
+
+            /// The same for a table that another owner, who has these options too, is blamed for.
+            ///
+            /// # Errors
+            /// As [`Self::from_table`].
+            pub fn from_table_of(
+                owner: &str,
+                table: &$crate::base::options::Table,
+            ) -> $crate::base::error::Result<Self> {
                 let known = [$( stringify!($field), )*];
-                $crate::base::options::refuse_unknown($owner, table.keys().map(String::as_str), &known)?;
+                $crate::base::options::refuse_unknown(owner, table.keys().map(String::as_str), &known)?;
                 let default = Self::default();
                 let declared = Self::declared();
                 let mut declared = declared.iter();
                 Ok(Self { $( $field: $crate::base::options::read(
-                    $owner, declared.next().expect("one declaration a field"), default.$field, table)?, )* })
+                    owner, declared.next().expect("one declaration a field"), default.$field, table)?, )* })
             }
 
             /// Every option with its value.

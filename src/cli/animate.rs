@@ -213,8 +213,10 @@ impl Animate {
         if self.frames.is_none() && output.frames_range.is_none() {
             output.frames = Some(output.length().min((PREVIEW_SECONDS * output.fps) as usize).max(MIN_FRAMES));
         }
-        if file.method.as_deref().is_none_or(|method| method == DEFAULT_METHOD) {
-            let options = file.options.entry(DEFAULT_METHOD.into()).or_default();
+        let name = file.method.as_deref().unwrap_or(DEFAULT_METHOD);
+        let method = synth::REGISTRY.iter().find(|m| m.name == name);
+        if method.is_some_and(|m| (m.options)().iter().any(|option| option.name == "candidates")) {
+            let options = file.options.entry(name.to_owned()).or_default();
             options.entry("candidates".into()).or_insert(Value::Integer(PREVIEW_CANDIDATES));
         }
         Ok(())

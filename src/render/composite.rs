@@ -3,10 +3,13 @@
 //! Frames are made strip by strip: what changes is interpolated from the working size for the rows of a strip only, and
 //! what every frame needs of a pixel is kept in 16 bits a value, so that a picture of 24 megapixels fits in memory.
 
+mod carrying;
+
 use std::ops::Range;
 
 use multiversion::multiversion;
 
+use super::carry::{Carried, Moment};
 use super::drift::{Drift, Travel};
 use super::layers::Layers;
 use super::layout::BANDS;
@@ -48,6 +51,15 @@ pub struct Compositor {
     outline: Option<Plane>,
     /// Detail finer than a working pixel, where it travels.
     drift: Option<Drift>,
+    /// The picture without its coarse light and shade, where that is carried along a flow.
+    carried: Option<Carried>,
+}
+
+/// What travels in a frame besides the differences.
+#[derive(Clone, Copy)]
+struct Travelling<'a> {
+    drift: Option<(&'a Drift, usize)>,
+    carried: Option<&'a Moment<'a>>,
 }
 
 /// The part of some rows that may change, row by row without padding.
@@ -117,7 +129,7 @@ impl Compositor {
             };
             Strip::new(&picture, matte, still, layers, &resizer, x, y)
         });
-        Self { picture, resizer, strips, outline: None, drift: None }
+        Self { picture, resizer, strips, outline: None, drift: None, carried: None }
     }
 
     /// Lets what is finer in the picture than in `working` travel with the flow, where the output is the larger.
@@ -144,8 +156,9 @@ impl Compositor {
     pub fn frame(&self, t: usize, differences: &Plane, boundary: &Plane) -> Rgb8 {
         let mut out = self.picture.clone();
         let shown = self.outline.as_ref().map(|matte| Shown::new(boundary, matte));
+        let moment = self.carried.as_ref().map(|carried| carried.at(t));
         self.each_strip(&mut out.data, 3, |strip, rows| {
-            let colours = strip.colours(&self.resizer, differences, self.drift.as_ref().map(|drift| (drift, t)));
+            let colours = strip.colours(&self.resizer, differences, self.travelling(t, &moment));
             match (&strip.behind, &shown) {
                 (Some(behind), Some(shown)) => {
                     // What the fluid has left shows the background, which outside the matte has the picture's own bytes.
@@ -165,12 +178,17 @@ impl Compositor {
     pub fn fluid(&self, t: usize, differences: &Plane, boundary: &Plane) -> (Rgb8, Vec<u8>) {
         let opacity = self.opacity(boundary);
         let mut out = Rgb8::black(self.picture.width, self.picture.height);
+        let moment = self.carried.as_ref().map(|carried| carried.at(t));
         self.each_strip(&mut out.data, 3, |strip, rows| {
-            let colours = strip.colours(&self.resizer, differences, self.drift.as_ref().map(|drift| (drift, t)));
+            let colours = strip.colours(&self.resizer, differences, self.travelling(t, &moment));
             strip.write(rows, self.picture.width, |i| Some(colours.each_ref().map(|c| c[i])));
         });
         out.data.chunks_exact_mut(3).zip(&opacity).filter(|(_, a)| **a == 0).for_each(|(colour, _)| colour.fill(0));
         (out, opacity)
+    }
+
+    fn travelling<'a>(&'a self, t: usize, moment: &'a Option<Moment<'a>>) -> Travelling<'a> {
+        Travelling { drift: self.drift.as_ref().map(|drift| (drift, t)), carried: moment.as_ref() }
     }
 
     fn opacity(&self, boundary: &Plane) -> Vec<u8> {
@@ -261,10 +279,12 @@ impl Strip {
     }
 
     /// Colours of the fluid with its differences, channel by channel.
-    fn colours(&self, resizer: &Resizer, differences: &Plane, drift: Option<(&Drift, usize)>) -> [Vec<f32>; 3] {
+    fn colours(&self, resizer: &Resizer, differences: &Plane, travelling: Travelling) -> [Vec<f32>; 3] {
         let mut change = resizer.window(differences, self.x.clone(), self.y.clone()).data;
-        compress(&mut change, &self.base, &self.limit);
-        let mut detail = match drift {
+        let carried = travelling.carried.map(|moment| self.carried(moment));
+        let base = carried.as_ref().unwrap_or(&self.base);
+        compress(&mut change, base, &self.limit);
+        let mut detail = match travelling.drift {
             Some((drift, t)) => drift.window(t, self.x.clone(), self.y.clone()),
             None => vec![0.0; change.len()],
         };
@@ -272,7 +292,7 @@ impl Strip {
         detail.iter_mut().zip(&self.matte).for_each(|(d, m)| *d *= (f32::from(*m) * (2.0 / 255.0)).min(1.0));
         std::array::from_fn(|c| {
             let mut out = vec![0.0; change.len()];
-            add(&self.base[c], &self.slope[c], &change, &detail, &mut out);
+            add(&base[c], &self.slope[c], &change, &detail, &mut out);
             out
         })
     }

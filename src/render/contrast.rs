@@ -18,17 +18,18 @@ use crate::raster::pyramid::{laplacian, reduce};
 const NOISE: f32 = 0.002;
 
 /// Bands, fine to coarse, that move as a whole: up to 8 pixels a wave.
-const FINE: usize = 2;
+pub const FINE: usize = 2;
 
 /// How gains are chosen.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Strength {
     /// Temporal contrast of the result relative to the picture's spatial contrast.
     pub strength: f32,
-    /// Largest factor applied to the differences, and one over the smallest; `coarse` comes on top.
+    /// Largest factor applied to the differences, and one over the smallest; `bands` come on top.
     pub max_gain: f32,
-    /// Factor of the coarse bands; swell and changing light live there, and the large shapes of flames.
-    pub coarse: f32,
+    /// Factor of each band, fine to coarse; swell and changing light live in the coarse ones, and the large shapes of
+    /// flames.
+    pub bands: [f32; BANDS],
 }
 
 /// Contrast of each band of a clip at one level, in mean squares over some frames.
@@ -114,7 +115,7 @@ pub fn match_contrast(
 /// Factor of a band whose contrast in the picture is `ratio` times that found in the clip.
 fn gain(band: usize, ratio: f32, strength: &Strength) -> f32 {
     let bounded = (strength.strength * ratio).clamp(1.0 / strength.max_gain, strength.max_gain);
-    if band < FINE { bounded } else { strength.coarse * bounded }
+    strength.bands[band] * bounded
 }
 
 /// Root mean square of a band of the picture over a node, where the matte is white.

@@ -4,6 +4,7 @@
 pub mod appearance;
 pub mod blend;
 pub mod boundary;
+pub mod carry;
 pub mod composite;
 pub mod contrast;
 pub mod drift;
@@ -12,6 +13,8 @@ pub mod fade;
 pub mod inpaint;
 pub mod layers;
 pub mod layout;
+pub mod mirror;
 pub mod overlay;
 pub mod recover;
 pub mod sample;
+pub mod trajectory;

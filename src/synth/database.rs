@@ -4,7 +4,7 @@ use super::outcome::outcome;
 use super::pick::{self, LabelOptions};
 use super::placing::place;
 use super::record::Timed;
-use super::{MethodEntry, Outcome, Sources, Synthesizer, frames, gate, memory, rendering};
+use super::{MethodEntry, Outcome, Sources, Synthesizer, frames, gate, hybrid, memory, rendering};
 use crate::assign::candidates;
 use crate::assign::nodes::NodeGrid;
 use crate::assign::pair_costs::Weights;
@@ -79,30 +79,39 @@ pub const ENTRY: MethodEntry = MethodEntry {
     citation: "Okabe, Anjyo & Onai, \"Creating Fluid Animation from a Single Image using Video Database\", CGF 30(7), 2011",
     designed: false,
     options: Options::declared,
-    complete: |table| Ok(Options::from_table(table)?.checked()?.to_table()),
-    build: |table| Ok(Box::new(Database { options: Options::from_table(table)?.checked()?, random: false })),
+    complete: |table| Ok(Options::from_table(table)?.checked("database")?.to_table()),
+    build: |table| Ok(Box::new(Database::new(Options::from_table(table)?.checked("database")?))),
 };
 
 impl Options {
-    /// What a range alone cannot say.
-    fn checked(self) -> Result<Self> {
+    /// What a range alone cannot say; `name` is the method's.
+    ///
+    /// # Errors
+    /// An outline that lets go by a negative share.
+    pub fn checked(self, name: &str) -> Result<Self> {
         if self.tau < 0.0 && self.tau != -1.0 {
-            return Err(Error::new(Kind::Usage, "database.tau", format!("{} is out of range", self.tau))
+            return Err(Error::new(Kind::Usage, format!("{name}.tau"), format!("{} is out of range", self.tau))
                 .allowed("0 to 0.98, or -1 for what the clips' fluid wants"));
         }
         Ok(self)
     }
 }
 
-/// The method with its options.
+/// The method with its options; or, with what to carry, the hybrid of it and `advect`.
 pub struct Database {
+    name: &'static str,
     options: Options,
+    carrying: Option<hybrid::Options>,
     random: bool,
 }
 
 /// What every stage of a run looks at.
 #[derive(Clone, Copy)]
 pub struct Run<'a> {
+    /// Name of the method.
+    pub name: &'static str,
+    /// How the picture is carried under the differences; none: its recovered average stays.
+    pub carrying: Option<&'a hybrid::Options>,
     /// Options of the method.
     pub options: &'a Options,
     /// What is asked for.
@@ -125,9 +134,10 @@ impl Run<'_> {
 
 impl Synthesizer for Database {
     fn synthesize(&self, scene: &Scene, sources: &Sources, sink: &mut dyn Sink, observer: &Timed) -> Result<Outcome> {
-        check_sources(sources)?;
+        let Self { name, options, carrying, .. } = self;
+        check_sources(name, sources)?;
         let still = stage(observer, "read picture", 0, || scene.still(observer))?;
-        let run = Run { options: &self.options, scene, sources, still: &still, observer };
+        let run = Run { name, carrying: carrying.as_ref(), options, scene, sources, still: &still, observer };
         let grid = NodeGrid::over(&still.working_matte, 0.02)?;
         let wishes = gate::wishes(&grid, &still);
         let candidates = pick::candidates(&grid, &still, &wishes, sources, scene, &self.search(), observer)?;
@@ -148,12 +158,22 @@ impl Synthesizer for Database {
 }
 
 impl Database {
+    /// The method as it is.
+    pub fn new(options: Options) -> Self {
+        Self { name: ENTRY.name, options, carrying: None, random: false }
+    }
+
+    /// The stages of the database method, its differences laid over a picture that is carried.
+    pub fn carrying(name: &'static str, options: Options, carrying: hybrid::Options) -> Self {
+        Self { name, options, carrying: Some(carrying), random: false }
+    }
+
     /// The method with a random candidate at every node: what the labels are worth is measured against it.
     ///
     /// # Errors
     /// Options that do not go together.
     pub fn with_random_labels(options: Options) -> Result<Self> {
-        Ok(Self { options: options.checked()?, random: true })
+        Ok(Self { random: true, ..Self::new(options.checked(ENTRY.name)?) })
     }
 
     fn search(&self) -> candidates::Options {
@@ -168,9 +188,9 @@ impl Database {
     }
 }
 
-fn check_sources(sources: &Sources) -> Result<()> {
+fn check_sources(name: &str, sources: &Sources) -> Result<()> {
     if sources.packs.is_empty() {
-        return Err(Error::new(Kind::Usage, "library", "the database method needs a library")
+        return Err(Error::new(Kind::Usage, "library", format!("the {name} method needs a library"))
             .remedy("build one with `enliven-db build CLIPS -o NAME.pack`, and name it with --library NAME.pack"));
     }
     Ok(())

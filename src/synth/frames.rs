@@ -16,6 +16,7 @@ use crate::raster::image::Plane;
 use crate::render::appearance::Appearance;
 use crate::render::blend::Blender;
 use crate::render::composite::Compositor;
+use crate::scene::scene::Scene;
 use crate::video::clip::Sink;
 
 /// Frames that appearance matching learns from.
@@ -103,8 +104,28 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
             let outlines = outline.follow(&differences);
             let before = (first - start).saturating_sub(b * block).min(differences.len());
             let t = (start + b * block + before) % output.length();
-            writer.write(t, &differences[before..], &outlines[before..])
+            let frame = |i: usize| (t + i, &differences[before + i], &outlines[before + i]);
+            writer.write(differences.len() - before, frame)
         })
+    })
+}
+
+/// Makes the frames of a picture that is carried without any differences, inside an outline that stays.
+///
+/// # Errors
+/// A sink that fails, a cancel.
+pub fn carry(
+    scene: &Scene,
+    compositor: &Compositor,
+    matte: &Plane,
+    sink: &mut dyn Sink,
+    observer: &Timed,
+) -> Result<()> {
+    let wanted = scene.wanted_frames();
+    let none = Plane::zeros(matte.width, matte.height);
+    let mut writer = Writer { compositor, alpha: scene.settings().output.alpha, sink, observer };
+    stage(observer, "frames", wanted.len() as u64, || {
+        writer.write(wanted.len(), |i| (wanted.start + i, &none, matte))
     })
 }
 
@@ -157,18 +178,23 @@ struct Writer<'a> {
 }
 
 impl Writer<'_> {
-    /// Writes the frames from `t` on, given as luma differences and outlines; one is made while the one before is written.
-    fn write(&mut self, t: usize, differences: &[Plane], outlines: &[Plane]) -> Result<()> {
+    /// Writes some frames, given by number, luma differences and outline; one is made while the one before is written.
+    fn write<'f>(
+        &mut self,
+        count: usize,
+        frame: impl Fn(usize) -> (usize, &'f Plane, &'f Plane) + Sync + Send,
+    ) -> Result<()> {
         let (compositor, alpha, observer) = (self.compositor, self.alpha, self.observer);
         let make = |i: usize| {
+            let (t, differences, outline) = frame(i);
             Ok(if alpha {
-                let (fluid, opacity) = compositor.fluid(t + i, &differences[i], &outlines[i]);
+                let (fluid, opacity) = compositor.fluid(t, differences, outline);
                 (fluid, Some(opacity))
             } else {
-                (compositor.frame(t + i, &differences[i], &outlines[i]), None)
+                (compositor.frame(t, differences, outline), None)
             })
         };
-        par::ordered_map(0..differences.len(), 2, make, |_, (frame, opacity)| {
+        par::ordered_map(0..count, 2, make, |_, (frame, opacity)| {
             observe::check(observer)?;
             match opacity {
                 Some(opacity) => self.sink.push_with_alpha(&frame, &opacity)?,

@@ -17,7 +17,7 @@ const KEPT: u64 = 200_000_000;
 /// The program itself, with the parts of the library that it looks at and what waits for the encoder, bytes.
 const PROGRAM: u64 = 700_000_000;
 /// Picture, matte, what the compositor keeps and the frames on their way out, bytes per output pixel.
-const PER_OUTPUT_PIXEL: u64 = 40;
+const PER_OUTPUT_PIXEL: u64 = 44;
 /// Planes of the working image that live at a time, bytes per working pixel.
 const PER_WORKING_PIXEL: u64 = 200;
 

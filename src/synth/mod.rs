@@ -1,6 +1,8 @@
 //! Methods that animate a scene, each behind one trait and one line of [`REGISTRY`].
 
+pub mod advect;
 pub mod assignment_picture;
+pub mod base_flow;
 pub mod carry;
 pub mod chain;
 pub mod channels;
@@ -9,6 +11,7 @@ pub mod exemplar;
 pub mod footage;
 pub mod frames;
 pub mod gate;
+pub mod hybrid;
 pub mod lazyfluids;
 pub mod legend;
 pub mod maps;
@@ -98,7 +101,7 @@ pub struct MethodEntry {
 }
 
 /// All methods.
-pub const REGISTRY: &[MethodEntry] = &[database::ENTRY, lazyfluids::ENTRY];
+pub const REGISTRY: &[MethodEntry] = &[database::ENTRY, advect::ENTRY, hybrid::ENTRY, lazyfluids::ENTRY];
 
 /// The method of a scene that names none.
 pub const DEFAULT_METHOD: &str = "database";

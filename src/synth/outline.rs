@@ -1,5 +1,6 @@
 //! The part of a run in which the fluid's outline moves: taking the picture apart, and following the frames.
 
+use super::database::Run;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{Observer, stage};
 use crate::base::par;
@@ -16,17 +17,19 @@ const LOOSE: f32 = 0.9;
 /// Matte from which on a pixel is not taken to show what is behind the fluid.
 const COVERED: f32 = 0.02;
 
-/// How far the outline lets go of the matte: `asked`, or where that is negative what the clips' fluid wants.
+/// How far the outline lets go of the matte: the option, or where that is negative what the clips' fluid wants.
 /// `tags` are those of the pieces, one per node.
-pub fn looseness(asked: f32, still: &Still, tags: &[&str], observer: &dyn Observer) -> f32 {
+pub fn looseness(run: &Run, tags: &[&str]) -> f32 {
+    let (asked, name) = (run.options.tau, run.name);
     if asked >= 0.0 {
         return asked;
     }
     let loose = tags.iter().filter(|tag| ["fire", "smoke"].contains(tag)).count();
-    if 2 * loose <= tags.len() || still.matte.data.iter().all(|&m| m == 1.0) {
+    if 2 * loose <= tags.len() || run.still.matte.data.iter().all(|&m| m == 1.0) {
         return 0.0;
     }
-    observer.note("fire and smoke: the outline moves (database.tau = 0.9); it stays with --set database.tau=0");
+    run.observer
+        .note(&format!("fire and smoke: the outline moves ({name}.tau = {LOOSE}); it stays with --set {name}.tau=0"));
     LOOSE
 }
 

@@ -1,5 +1,6 @@
 //! What all frames of a run share: weights, gains, the recovered picture, the outline before the first frame.
 
+use super::base_flow;
 use super::database::{Options, Run};
 use super::footage::Clip;
 use super::outline::{self, Outline};
@@ -12,10 +13,10 @@ use crate::render::appearance::Matching;
 use crate::render::blend::Blender;
 use crate::render::boundary::Boundary;
 use crate::render::composite::Compositor;
-use crate::render::contrast::{Contrast, Match, Strength, match_contrast};
+use crate::render::contrast::{Contrast, FINE, Match, Strength, match_contrast};
 use crate::render::drift::Travel;
 use crate::render::layers::Layers;
-use crate::render::layout::LevelKey;
+use crate::render::layout::{BANDS, LevelKey};
 use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, make_room, recover};
 use crate::scene::scene::Still;
 
@@ -58,6 +59,27 @@ pub struct Apart {
     tau: f32,
 }
 
+impl Apart {
+    /// The picture's layers, with an outline that stays.
+    ///
+    /// # Errors
+    /// A background that shows the same as the picture; a cancel.
+    pub fn standing(still: &Still, observer: &dyn Observer) -> Result<Self> {
+        let (layers, made) = outline::separate(still, observer)?;
+        Ok(Self { layers, made, tau: 0.0 })
+    }
+
+    /// The fluid's colours, at working size.
+    pub fn fluid(&self) -> &Color {
+        &self.layers.fluid
+    }
+
+    /// Where the fluid may come, 0 to 1, at working size.
+    pub fn reach(&self) -> &Plane {
+        &self.layers.reach
+    }
+}
+
 /// Takes the picture apart where the outline moves or the fluid is wanted alone.
 ///
 /// # Errors
@@ -71,13 +93,13 @@ pub fn separate(run: &Run, placed: &Placed) -> Result<Option<Apart>> {
     let tags = placed.choices.iter().map(tag).collect::<Result<Vec<_>>>()?;
     let output = run.scene.settings().output;
     // The option is meant for the library's rate: an outline must not stray farther where frames are fewer.
-    let tau = outline::looseness(run.options.tau, still, &tags, observer).powf(25.0 / output.fps);
+    let tau = outline::looseness(run, &tags).powf(25.0 / output.fps);
     if tau > 0.0 || output.alpha {
         let (layers, made) = outline::separate(still, observer)?;
         return Ok(Some(Apart { layers, made, tau }));
     }
     if still.background.is_some() {
-        observer.note("the outline does not move, so the background is not seen (database.tau = 0)");
+        observer.note(&format!("the outline does not move, so the background is not seen ({}.tau = 0)", run.name));
     }
     Ok(None)
 }
@@ -86,7 +108,7 @@ pub fn separate(run: &Run, placed: &Placed) -> Result<Option<Apart>> {
 pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apart>) -> Rendering {
     let Options { shutter, blur, recovery: amount, .. } = *run.options;
     let Run { still, .. } = *run;
-    let matched = matched_contrast(run.options, placed, clips, still);
+    let matched = matched_contrast(run, placed, clips);
     clips.iter_mut().for_each(Clip::forget_contrast);
     let motion = assigned_motion(&placed.layout);
     // Before a background the fluid is recovered wherever it may come, from its own colours.
@@ -94,7 +116,11 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
         Some(Apart { layers, .. }) => (&layers.fluid, &layers.reach),
         None => (&still.working, &still.working_matte),
     };
-    let recovered = recover(fluid, matte, &motion, &Recovery { shutter, blur, amount });
+    let recovered = match run.carrying {
+        None => recover(fluid, matte, &motion, &Recovery { shutter, blur, amount }),
+        // What is carried needs no blur: its detail moves.
+        Some(_) => fluid.clone(),
+    };
     let shares = std::array::from_fn(|band| placed.layout.spread(|i| matched.shares[i][band]));
     let recovered = make_room(&recovered, fluid, matte, &shares);
     let blender = Blender::new(&placed.layout, &matched.gains);
@@ -104,7 +130,7 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
         base: recovered.luma(),
         matte: still.working_matte.clone(),
     };
-    let compositor = drifting(run, compositor(still, apart.as_ref(), &recovered), &motion);
+    let compositor = travelling(run, compositor(still, apart.as_ref(), &recovered), apart.as_ref(), &motion);
     let (outline, run_in, background) = match apart {
         None => (Outline::fixed(&still.working_matte), 0, None),
         Some(Apart { layers, made, tau }) => {
@@ -114,14 +140,17 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
     Rendering { motion, blender, target, compositor, outline, run_in, background }
 }
 
-fn matched_contrast(options: &Options, placed: &Placed, clips: &[Clip], still: &Still) -> Match {
-    let &Options { strength, max_gain, coarse, .. } = options;
+fn matched_contrast(run: &Run, placed: &Placed, clips: &[Clip]) -> Match {
+    let Run { still, carrying, .. } = *run;
+    let Options { strength, max_gain, coarse, .. } = *run.options;
     let contrast = |key: &LevelKey| {
         let clip = &clips[placed.sources[key.source].0];
         clip.contrast(key.scale).expect("a clip is studied at every scale it is used at")
     };
     let contrasts: Vec<&Contrast> = placed.layout.levels().iter().map(contrast).collect();
-    let strength = Strength { strength, max_gain, coarse };
+    let high_pass = carrying.map_or([1.0; BANDS], |c| c.high_pass());
+    let factor = |band: usize| if band < FINE { high_pass[band] } else { coarse * high_pass[band] };
+    let strength = Strength { strength, max_gain, bands: std::array::from_fn(factor) };
     match_contrast(&placed.layout, &contrasts, &still.working.luma(), &still.working_matte, &strength)
 }
 
@@ -130,7 +159,8 @@ fn matching(options: &Options) -> Matching {
     Matching { amount, region, max_gain }
 }
 
-fn compositor(still: &Still, apart: Option<&Apart>, recovered: &Color) -> Compositor {
+/// Puts a picture, taken apart or not, together over and over; `recovered` is what differences are added to.
+pub fn compositor(still: &Still, apart: Option<&Apart>, recovered: &Color) -> Compositor {
     let (picture, working) = (still.picture.clone(), &still.working);
     match apart {
         None => Compositor::new(picture, &still.matte, working, &still.working_matte, recovered),
@@ -138,8 +168,13 @@ fn compositor(still: &Still, apart: Option<&Apart>, recovered: &Color) -> Compos
     }
 }
 
-/// Lets detail finer than a working pixel travel, where that is wanted.
-fn drifting(run: &Run, compositor: Compositor, motion: &AssignedMotion) -> Compositor {
+/// Lets the picture travel, or what is finer in it than a working pixel, where that is wanted.
+fn travelling(run: &Run, compositor: Compositor, apart: Option<&Apart>, motion: &AssignedMotion) -> Compositor {
+    if let Some(options) = run.carrying {
+        let matte = apart.map_or(&run.still.working_matte, Apart::reach);
+        let flow = base_flow::flow(run.still, motion, options.speed * run.pace());
+        return compositor.carrying(matte, &options.carry(&flow, &run.scene.settings().output));
+    }
     if !run.options.drift {
         return compositor;
     }

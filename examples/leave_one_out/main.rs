@@ -8,9 +8,13 @@
 //! band by band of a Laplacian pyramid, fine to coarse.
 //!
 //!     ENLIVEN_DATA=… cargo run --release --example leave_one_out -- --water W.pack --fire F.pack --smoke S.pack
-//!         [--only NAME,…] [--frames N] [--set database.KEY=VALUE]… [--sweep database.KEY=V1,V2,…]…
+//!         [--only NAME,…] [--frames N] [--set METHOD.KEY=VALUE]… [--sweep METHOD.KEY=V1,V2,…]…
+//!         [--method METHOD,…] [--unasked]
 //!
-//! With `--sweep` only scores are printed, a line for the settings as they are and one for each value.
+//! With `--sweep` only scores are printed, a line for the settings as they are and one for each value (of the method
+//! that `--method` names). With several methods they are compared, clip by clip: see [`comparison`].
+
+mod comparison;
 
 use std::path::{Path, PathBuf};
 use std::time::Instant;
@@ -31,7 +35,7 @@ use enliven::scene::left_out::LeftOut;
 use enliven::scene::scene::Scene;
 use enliven::synth::database::{Database, Options};
 use enliven::synth::record::Timed;
-use enliven::synth::{self, Sources, Synthesizer};
+use enliven::synth::{self, Outcome, Sources, Synthesizer};
 
 /// The clips of the table: the fluid's library, and the file below `ENLIVEN_DATA`.
 const CLIPS: [(Fluid, &str); 9] = [
@@ -79,6 +83,12 @@ struct Arguments {
     /// Leave nothing out: what the method could do with the right pieces
     #[arg(long)]
     with_itself: bool,
+    /// Methods to compare, or the one to sweep
+    #[arg(long, value_delimiter = ',')]
+    method: Vec<String>,
+    /// In a comparison, ask no motion of methods that can do without
+    #[arg(long)]
+    unasked: bool,
     /// Keep the frames of every animation as PNG in this folder
     #[arg(long)]
     keep: Option<PathBuf>,
@@ -107,6 +117,8 @@ struct Known {
     name: String,
     fluid: Fluid,
     scene: SceneFile,
+    /// Strokes that a person would draw along the clip's motion, for scenes that want some.
+    strokes: PathBuf,
     matte: Plane,
     target: Footage,
     /// The clip's own deviation over time, per band.
@@ -131,6 +143,14 @@ struct Animated {
     largest_share: f64,
     clips: usize,
     seconds: f64,
+}
+
+fn keep_frames(footage: &Footage, folder: &Path) -> Result<()> {
+    std::fs::create_dir_all(folder)?;
+    for (t, frame) in footage.frames().iter().enumerate() {
+        write_png(&folder.join(format!("{t:05}.png")), frame)?;
+    }
+    Ok(())
 }
 
 fn distances(footage: &Footage, target: &Footage) -> Distances {
@@ -181,8 +201,11 @@ impl Known {
             matte: Some(at("matte")),
             library: vec![library.to_owned()],
             without: if arguments.with_itself { Vec::new() } else { vec![id.to_string()] },
+            method: arguments.method.first().filter(|_| arguments.method.len() == 1).cloned(),
             ..SceneFile::default()
         };
+        let strokes = folder.join(format!("{name}.strokes.json"));
+        comparison::draw_strokes(&pack, clip as u32, &left.matte, &strokes)?;
         scene.output.frames = Some(arguments.frames);
         arguments.set.iter().try_for_each(|text| set(&mut scene, text))?;
         let half = (left.reference.len() / 2).min(120);
@@ -195,21 +218,21 @@ impl Known {
         let still = Footage::new(vec![left.picture.clone(); half], 25.0, false, Some(&left.matte))?;
         let (floor, frozen) = (distances(&other, &target), distances(&still, &target));
         let deviations = deviations(&target, &left.matte);
-        Ok(Self { name, fluid, scene, matte: left.matte, target, deviations, floor, frozen })
+        Ok(Self { name, fluid, scene, strokes, matte: left.matte, target, deviations, floor, frozen })
+    }
+
+    /// The animation of a scene, and what is known of it.
+    fn animate(&self, scene: &SceneFile) -> Result<(Footage, Outcome)> {
+        let mut recorder = Recorder::new(640);
+        let outcome = synth::run(&Scene::new(scene.clone())?, &mut recorder, &Silent)?;
+        Ok((recorder.into_footage(scene.output.fps, true, Some(&self.matte))?, outcome))
     }
 
     fn run(&self, scene: &SceneFile, keep: Option<&Path>) -> Result<Animated> {
         let start = Instant::now();
-        let mut recorder = Recorder::new(640);
-        let outcome = synth::run(&Scene::new(scene.clone())?, &mut recorder, &Silent)?;
+        let (footage, outcome) = self.animate(scene)?;
         let seconds = start.elapsed().as_secs_f64();
-        let footage = recorder.into_footage(scene.output.fps, true, Some(&self.matte))?;
-        if let Some(folder) = keep {
-            std::fs::create_dir_all(folder)?;
-            for (t, frame) in footage.frames().iter().enumerate() {
-                write_png(&folder.join(format!("{t:05}.png")), frame)?;
-            }
-        }
+        keep.map_or(Ok(()), |folder| keep_frames(&footage, folder))?;
         let clips = outcome.record.assignment.map(|a| a.clips).unwrap_or_default();
         let distances = distances(&footage, &self.target);
         let made = deviations(&footage, &self.matte);
@@ -342,5 +365,9 @@ fn main() -> Result<()> {
         .filter(|(_, file)| wanted(file))
         .map(|(fluid, file)| Known::open(&arguments, *fluid, file, folder.path()))
         .collect::<Result<Vec<_>>>()?;
-    if arguments.sweep.is_empty() { table(&known, &arguments) } else { sweep(&known, &arguments) }
+    match (arguments.sweep.is_empty(), arguments.method.len()) {
+        (false, _) => sweep(&known, &arguments),
+        (true, 0 | 1) => table(&known, &arguments),
+        (true, _) => comparison::compare(&known, &arguments),
+    }
 }

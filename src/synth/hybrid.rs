@@ -1,0 +1,92 @@
+//! The hybrid of `advect` and the database method (ours): the picture itself is carried along, and the pieces'
+//! differences, of which only the finer bands are kept, make it change on its way.
+//!
+//! Okabe, Anjyo & Onai name what their blurred average loses: trajectories disappear (2011, §7.2). The stages are those of
+//! [`Database`]; what the differences are added to is not a still average but a picture that flows.
+
+use super::MethodEntry;
+use super::database::{self, Database};
+use crate::base::error::Result;
+use crate::base::options::{Declared, Table, Value, declare_options, refuse_unknown};
+use crate::flow::field::Field;
+use crate::render::carry::Carry;
+use crate::render::layout::BANDS;
+use crate::scene::file::Output;
+
+declare_options! {
+    /// Options of the hybrid, besides those it shares with the database method.
+    pub struct Options named "hybrid" {
+        /// Longest time that detail of the picture travels before it starts again, at 25 frames a second.
+        life: f32 = 40.0, in 8, 1000, "frames", "methods §2.4";
+        /// Share of that time in which the old and the new are seen together.
+        fade: f32 = 0.5, in 0.1, 1, "ratio", "Holynski 2021, §4.2";
+        /// Light and shade of the picture coarser than this stay in their place: σ of a Gaussian.
+        steady: f32 = 16.0, in 1, 200, "pixels", "methods §2.4";
+        /// Differences coarser than this are left out: σ of a Gaussian.
+        high_pass: f32 = 8.0, in 1, 200, "pixels", "methods §2.4";
+        /// Factor of the pieces' speed, where none is asked for: optical flow underestimates whitewater.
+        speed: f32 = 1.0, in 0, 10, "ratio", "methods §1.6";
+    }
+}
+
+/// Options of the database method that mean nothing where the picture is carried.
+const UNSHARED: [&str; 8] =
+    ["shutter", "blur", "recovery", "coarse", "appearance", "regions", "appearance_gain", "drift"];
+/// Share of the picture's contrast that its pieces bring, when nobody says otherwise: the rest is the picture's own.
+const STRENGTH: f64 = 0.7;
+
+/// Registry entry.
+pub const ENTRY: MethodEntry = MethodEntry {
+    name: "hybrid",
+    summary: "carries the picture along the motion and lets pieces of a library's clips change it on its way",
+    citation: "ours, from Okabe, Anjyo & Onai 2011 and Holynski, Curless, Seitz & Szeliski, \"Animating Pictures with \
+               Eulerian Motion Fields\", CVPR 2021",
+    designed: false,
+    options: declared,
+    complete: |table| {
+        let (own, shared) = read(table)?;
+        Ok(own.to_table().into_iter().chain(shared.to_table()).filter(|(name, _)| known(name)).collect())
+    },
+    build: |table| {
+        let (own, shared) = read(table)?;
+        Ok(Box::new(Database::carrying(ENTRY.name, shared, own)))
+    },
+};
+
+fn known(name: &str) -> bool {
+    !UNSHARED.contains(&name)
+}
+
+fn declared() -> Vec<Declared> {
+    let shared = database::Options::declared().into_iter().filter(|d| known(d.name));
+    let defaults = |d: Declared| if d.name == "strength" { Declared { default: Value::Number(STRENGTH), ..d } } else { d };
+    Options::declared().into_iter().chain(shared.map(defaults)).collect()
+}
+
+/// The hybrid's own options and those of the stages it shares.
+fn read(table: &Table) -> Result<(Options, database::Options)> {
+    let names: Vec<&str> = declared().iter().map(|d| d.name).collect();
+    refuse_unknown(ENTRY.name, table.keys().map(String::as_str), &names)?;
+    let own_names: Vec<&str> = Options::declared().iter().map(|d| d.name).collect();
+    let (own, mut shared): (Table, Table) =
+        table.clone().into_iter().partition(|(name, _)| own_names.contains(&name.as_str()));
+    shared.entry("strength".to_owned()).or_insert(Value::Number(STRENGTH));
+    let shared = database::Options::from_table_of(ENTRY.name, &shared)?.checked(ENTRY.name)?;
+    Ok((Options::from_table(&own)?, database::Options { appearance: 0.0, ..shared }))
+}
+
+impl Options {
+    /// Share of each band, fine to coarse, that a Gaussian of `high_pass` leaves over: that at the middle of the band.
+    pub fn high_pass(&self) -> [f32; BANDS] {
+        std::array::from_fn(|band| {
+            let wave = 4.0 * (1 << band) as f32;
+            1.0 - (-0.5 * (std::f32::consts::TAU * self.high_pass / wave).powi(2)).exp()
+        })
+    }
+
+    /// How the picture is carried along `flow` in the loop of `output`.
+    pub fn carry<'a>(&self, flow: &'a Field, output: &Output) -> Carry<'a> {
+        let &Self { life, fade, steady, .. } = self;
+        Carry { flow, frames: output.length(), fps: output.fps, life, fade, steady, seed: output.seed }
+    }
+}
