@@ -34,9 +34,8 @@ pub fn draw_strokes(pack: &Pack, clip: u32, matte: &Plane, path: &Path) -> Resul
             .filter(|&i| parts.labels[i] as usize == part)
             .map(|i| (i % matte.width, i / matte.width))
             .collect();
-        let mean = |of: &dyn Fn(usize, usize) -> f32| {
-            pixels.iter().map(|&(x, y)| of(x, y)).sum::<f32>() / pixels.len() as f32
-        };
+        let mean =
+            |of: &dyn Fn(usize, usize) -> f32| pixels.iter().map(|&(x, y)| of(x, y)).sum::<f32>() / pixels.len() as f32;
         let motion = |k: usize| {
             move |x: usize, y: usize| {
                 let cell = (y / CELL).min(grid.height - 1) * grid.width + (x / CELL).min(grid.width - 1);
@@ -132,7 +131,19 @@ impl Row {
     fn head() -> String {
         format!(
             "{:17} {:9} {:>7} {:>6} {:>6} {:>8} {:>6} {:>6} {:>6} {:>6} {:>7} {:>6} {:>5}",
-            "clip", "method", "dyn ×1k", "score", "shape", "spec, dB", "score", "sharp", "colour", "loop", "flick×k", "warp×k", "s"
+            "clip",
+            "method",
+            "dyn ×1k",
+            "score",
+            "shape",
+            "spec, dB",
+            "score",
+            "sharp",
+            "colour",
+            "loop",
+            "flick×k",
+            "warp×k",
+            "s"
         )
     }
 }

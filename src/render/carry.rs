@@ -270,7 +270,12 @@ fn alike(detail: &Plane, matte: &Plane, mirror: &Mirror, trajectories: &Trajecto
         resize(&gaussian(&plane, ALIKE_SIGMA), cells.0, cells.1)
     };
     let (products, squares) = (plane(0), plane(1));
-    products.data.iter().zip(&squares.data).map(|(p, s)| if *s > 1e-9 { (p / s).clamp(0.0, 1.0) } else { 1.0 }).collect()
+    products
+        .data
+        .iter()
+        .zip(&squares.data)
+        .map(|(p, s)| if *s > 1e-9 { (p / s).clamp(0.0, 1.0) } else { 1.0 })
+        .collect()
 }
 
 #[cfg(test)]

@@ -61,7 +61,15 @@ impl Mirror {
     #[inline(always)]
     pub fn place(&self, x: f32, y: f32) -> (f32, f32) {
         let (width, height) = (self.ways.width() as f32, self.ways.height() as f32);
-        let within = |v: f32, size: f32| if v < 0.0 { -v } else if v > size { 2.0 * size - v } else { v };
+        let within = |v: f32, size: f32| {
+            if v < 0.0 {
+                -v
+            } else if v > size {
+                2.0 * size - v
+            } else {
+                v
+            }
+        };
         let (x, y) = (within(x, width).clamp(0.0, width), within(y, height).clamp(0.0, height));
         (x + self.ways.u.bilinear(x, y), y + self.ways.v.bilinear(x, y))
     }
@@ -85,7 +93,9 @@ fn nearest(matte: &Plane, least: f32) -> Vec<(usize, usize)> {
                     // Each row once each way, so that what is beside is known as well.
                     let x = if (i < width) == back { width - 1 - i % width } else { i % width };
                     for (dx, dy) in [(-1, 0), (1, 0), (-1, sign), (0, sign), (1, sign)] {
-                        let (Some(nx), Some(ny)) = (x.checked_add_signed(dx), y.checked_add_signed(dy)) else { continue };
+                        let (Some(nx), Some(ny)) = (x.checked_add_signed(dx), y.checked_add_signed(dy)) else {
+                            continue;
+                        };
                         if nx < width && ny < height {
                             let other = found[ny * width + nx];
                             if squared((x, y), other) < squared((x, y), found[y * width + x]) {
@@ -128,7 +138,8 @@ mod tests {
 
     #[test]
     fn nearest_is_nearest() {
-        let matte = Plane::from_fn(31, 23, |x, y| if [(3, 4), (25, 11), (9, 20)].contains(&(x, y)) { 1.0 } else { 0.0 });
+        let matte =
+            Plane::from_fn(31, 23, |x, y| if [(3, 4), (25, 11), (9, 20)].contains(&(x, y)) { 1.0 } else { 0.0 });
         for (i, found) in nearest(&matte, 0.5).into_iter().enumerate() {
             let squared = |(x, y): (usize, usize)| (i % 31).abs_diff(x).pow(2) + (i / 31).abs_diff(y).pow(2);
             let best = [(3, 4), (25, 11), (9, 20)].into_iter().map(squared).min();

@@ -124,9 +124,7 @@ pub fn carry(
     let wanted = scene.wanted_frames();
     let none = Plane::zeros(matte.width, matte.height);
     let mut writer = Writer { compositor, alpha: scene.settings().output.alpha, sink, observer };
-    stage(observer, "frames", wanted.len() as u64, || {
-        writer.write(wanted.len(), |i| (wanted.start + i, &none, matte))
-    })
+    stage(observer, "frames", wanted.len() as u64, || writer.write(wanted.len(), |i| (wanted.start + i, &none, matte)))
 }
 
 /// Per source of the layout: its clip's frames, from its phase on.

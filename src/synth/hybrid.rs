@@ -59,7 +59,8 @@ fn known(name: &str) -> bool {
 
 fn declared() -> Vec<Declared> {
     let shared = database::Options::declared().into_iter().filter(|d| known(d.name));
-    let defaults = |d: Declared| if d.name == "strength" { Declared { default: Value::Number(STRENGTH), ..d } } else { d };
+    let defaults =
+        |d: Declared| if d.name == "strength" { Declared { default: Value::Number(STRENGTH), ..d } } else { d };
     Options::declared().into_iter().chain(shared.map(defaults)).collect()
 }
 
