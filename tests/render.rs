@@ -96,7 +96,7 @@ fn gains_match_the_picture_and_are_bounded() {
     let mut contrast = Contrast::default();
     contrast.add(&bands(&clip), &bands(&Plane::zeros(320, 240)));
     let matte = Plane::filled(240, 192, 1.0);
-    let strength = Strength { strength: 1.0, max_gain: 3.0, coarse: 0.5 };
+    let strength = Strength { strength: 1.0, max_gain: 3.0, bands: [1.0, 1.0, 0.5, 0.5, 0.5] };
     let at = |scale: f32| {
         match_contrast(&layout, &[&contrast], &noise(9, 240, 192).map(|v| 0.5 + scale * v), &matte, &strength).gains
     };
