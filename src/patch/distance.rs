@@ -34,37 +34,49 @@ impl Comparison<'_> {
     /// `limit`; the first of equals.
     #[inline]
     pub fn nearest(&self, centre: u32, candidates: &[Candidate], limit: u32) -> Option<(usize, u32)> {
-        let layout = self.layout;
-        let corner =
-            |stack: &Stack, centre: u32| (centre as usize - layout.radius() * (stack.width + 1)) * stack.channels;
-        let patch = Patch {
-            from: &self.from.bytes()[corner(self.from, centre)..],
+        (self.kernels().nearest)(&self.patch(centre), candidates, self.layout, limit)
+    }
+
+    /// The distances of all candidates, with what is added to them.
+    pub fn distances(&self, centre: u32, candidates: &[Candidate], out: &mut Vec<u32>) {
+        out.clear();
+        (self.kernels().all)(&self.patch(centre), candidates, self.layout, out);
+    }
+
+    fn patch(&self, centre: u32) -> Patch<'_> {
+        let radius = self.layout.radius();
+        let corner = (centre as usize - radius * (self.from.width + 1)) * self.from.channels;
+        Patch {
+            from: &self.from.bytes()[corner..],
             from_stride: self.from.stride(),
             to: self.to.bytes(),
             to_stride: self.to.stride(),
-            corner: layout.radius() * (self.to.width + 1),
+            corner: radius * (self.to.width + 1),
             channels: self.to.channels,
-        };
-        let lanes = (layout.side() * layout.channels().len()).div_ceil(LANES);
-        let find = match (lanes, layout.radius()) {
-            (1, 1) => nearest::<1, 1>,
-            (1, 2) => nearest::<1, 3>,
-            (1, 3) => nearest::<1, 5>,
-            (1, _) => nearest::<1, 7>,
-            (2, 1) => nearest::<2, 1>,
-            (2, 2) => nearest::<2, 3>,
-            (2, 3) => nearest::<2, 5>,
-            (2, _) => nearest::<2, 7>,
-            (3, 1) => nearest::<3, 1>,
-            (3, 2) => nearest::<3, 3>,
-            (3, 3) => nearest::<3, 5>,
-            (3, _) => nearest::<3, 7>,
-            (_, 1) => nearest::<4, 1>,
-            (_, 2) => nearest::<4, 3>,
-            (_, 3) => nearest::<4, 5>,
-            (_, _) => nearest::<4, 7>,
-        };
-        find(&patch, candidates, layout, limit)
+        }
+    }
+
+    #[inline]
+    fn kernels(&self) -> Kernels {
+        let lanes = (self.layout.side() * self.layout.channels().len()).div_ceil(LANES);
+        match (lanes, self.layout.radius()) {
+            (1, 1) => Kernels::of::<1, 1>(),
+            (1, 2) => Kernels::of::<1, 3>(),
+            (1, 3) => Kernels::of::<1, 5>(),
+            (1, _) => Kernels::of::<1, 7>(),
+            (2, 1) => Kernels::of::<2, 1>(),
+            (2, 2) => Kernels::of::<2, 3>(),
+            (2, 3) => Kernels::of::<2, 5>(),
+            (2, _) => Kernels::of::<2, 7>(),
+            (3, 1) => Kernels::of::<3, 1>(),
+            (3, 2) => Kernels::of::<3, 3>(),
+            (3, 3) => Kernels::of::<3, 5>(),
+            (3, _) => Kernels::of::<3, 7>(),
+            (_, 1) => Kernels::of::<4, 1>(),
+            (_, 2) => Kernels::of::<4, 3>(),
+            (_, 3) => Kernels::of::<4, 5>(),
+            (_, _) => Kernels::of::<4, 7>(),
+        }
     }
 
     /// The distance of the patches around two pixels.
@@ -83,6 +95,40 @@ struct Patch<'a> {
     /// Pixels from the first pixel of a patch to its centre.
     corner: usize,
     channels: usize,
+}
+
+/// The nearest of many, see [`nearest`].
+type Nearest = fn(&Patch, &[Candidate], &Layout, u32) -> Option<(usize, u32)>;
+
+/// The comparisons of one shape of patches.
+struct Kernels {
+    nearest: Nearest,
+    all: fn(&Patch, &[Candidate], &Layout, &mut Vec<u32>),
+}
+
+impl Kernels {
+    #[inline]
+    fn of<const K: usize, const TAIL: usize>() -> Self {
+        Self { nearest: nearest::<K, TAIL>, all: all::<K, TAIL> }
+    }
+}
+
+/// The distances of all candidates; the rows as in [`nearest`].
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn all<const K: usize, const TAIL: usize>(
+    patch: &Patch,
+    candidates: &[Candidate],
+    layout: &Layout,
+    out: &mut Vec<u32>,
+) {
+    for candidate in candidates {
+        let to = &patch.to[(candidate.centre as usize - patch.corner) * patch.channels..];
+        let weights = layout.weights(candidate.step);
+        let head = rows::<K, 2>(patch.from, patch.from_stride, to, patch.to_stride, weights);
+        let (from, to) = (&patch.from[2 * patch.from_stride..], &to[2 * patch.to_stride..]);
+        let tail = rows::<K, TAIL>(from, patch.from_stride, to, patch.to_stride, weights);
+        out.push(candidate.base + head + tail);
+    }
 }
 
 /// `K` runs of lanes a row; two rows, and if need be `TAIL` more.

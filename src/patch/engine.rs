@@ -41,10 +41,10 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             rule: Rule::Plain,
-            iterations: (24, 12),
+            iterations: (40, 20),
             manner: Manner::Mean,
-            tolerance: 0.005,
-            sweeps: 2,
+            tolerance: 0.002,
+            sweeps: 1,
             thresholds: Thresholds::default(),
             seed: 1,
         }

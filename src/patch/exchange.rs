@@ -5,225 +5,179 @@
 //! (prices, as in auctions: Bertsekas 1988). The holder has to take another place in turn, what it wishes for, and so on,
 //! until somebody takes the place that the first one left. If all together gain, it is done (chains as in Lin & Kernighan
 //! 1973). So the usage of every place stays within its bounds, and the energy never rises.
+//!
+//! A sweep goes through the rows in batches: every so many rows form one. The patches of a batch make their wishes and find
+//! their chains at the same time, on any number of threads; then the chains are carried out one after the other, the best
+//! first, and the next batch sees it. So a good place spreads from row to row within one sweep.
 
 use super::atlas::Place;
-use super::distance::Candidate;
+use super::chains::{Chain, LONGEST, State};
 use super::level::Level;
 use super::nnf::{Cell, Nnf};
-use super::patch_match::{Search, Sweep, Windows};
+use super::patch_match::Sweep;
 use super::segments::NO_PATCH;
-use super::usage::Usage;
+use super::usage::{Constraint, Usage};
 use crate::base::{par, rng};
 
-/// Most patches that change places together.
-const LONGEST: usize = 4;
-/// Times that chains are found and carried out in a sweep.
-const PASSES: u64 = 5;
-/// Pixels that one thread goes through at a time.
-const CHUNK: usize = 4096;
-/// No partner: the place has room.
-const NOBODY: u32 = u32::MAX;
-
-/// Patches that pass their places on: from `first` along the wishes. All gain together.
-#[derive(Debug, Clone, Copy)]
-struct Chain {
-    gain: u32,
-    first: u32,
-    /// Wishes that come true.
-    length: u32,
-    /// Whether the last wish is a place with room.
-    to_room: bool,
-    /// Otherwise the distance of its holder at the place of the first patch.
-    closing: u32,
-}
-
-/// One sweep over all patches. Every patch makes a wish; then chains are found and carried out in several passes, since
-/// chains that share a patch exclude each other.
-pub(super) fn sweep(level: &Level, nnf: &mut Nnf, usage: &mut Usage, sweep: Sweep) {
-    let mut wishes = Vec::new();
-    let mut firsts: Vec<u32> = (0..nnf.cells.len() as u32).collect();
-    for pass in 0..PASSES {
-        let by_chance = pass > 0 || !sweep.number.is_multiple_of(2);
-        let asked = asked(level, nnf, usage, by_chance.then(|| rng::mix(sweep.seed ^ pass)));
-        let state = State { level, search: level.search(), nnf, usage, asked: &asked };
-        if pass == 0 {
-            wishes = in_chunks(nnf.cells.len(), |target, candidates| Some(state.wish(target, sweep, candidates)));
-        }
-        let mut chains = in_chunks(firsts.len(), |i, _| state.chain(firsts[i] as usize, &wishes));
-        chains.sort_unstable_by_key(|chain| (std::cmp::Reverse(chain.gain), chain.first));
-        settle(level, nnf, usage, &asked, &wishes, &chains);
-        let waiting = |&first: &u32| wishes[first as usize].place != nnf.cells[first as usize].place;
-        firsts = chains.iter().map(|chain| chain.first).filter(waiting).collect();
-        firsts.sort_unstable();
-    }
-    usage.second_choices = wishes.iter().map(|wish| wish.distance).collect();
-}
-
-/// `f` of `0..n`, in order and without the `None`s; each thread has a list of its own to use again.
-fn in_chunks<T: Send>(n: usize, f: impl Fn(usize, &mut Vec<Candidate>) -> Option<T> + Sync + Send) -> Vec<T> {
-    let chunks = par::map(n.div_ceil(CHUNK), |chunk| {
-        let mut scratch = Vec::new();
-        (chunk * CHUNK..((chunk + 1) * CHUNK).min(n)).filter_map(|i| f(i, &mut scratch)).collect::<Vec<_>>()
-    });
-    chunks.into_iter().flatten().collect()
-}
+/// Pixels of a row that one thread goes through at a time.
+const RUN: usize = 256;
+/// Most batches of a sweep.
+const BATCHES: usize = 64;
+/// Least rows of a batch, where there are as many.
+const ROWS: usize = 8;
+/// A patch whose distance is less than the mean one by this factor can gain little.
+const QUIET: u64 = 4;
+/// Nobody: the place has room.
+pub(super) const NOBODY: u32 = u32::MAX;
 
 /// A place of the atlas, as those see it who would like to have it.
 #[derive(Debug, Clone, Copy)]
-struct Asked {
-    /// Who would have to leave: the worst served patch there, or any one by chance.
-    holder: u32,
+pub(super) struct Asked {
+    /// Who would have to leave: the one that would lose least, or any one by chance.
+    pub holder: u32,
     /// What it would lose by taking what it wished for last; negative if it would gain.
-    loss: i32,
+    pub loss: i32,
     /// Whether one more patch may come without any other leaving.
-    has_room: bool,
+    pub has_room: bool,
 }
 
-/// Every pixel of the atlas, see [`Asked`].
-fn asked(level: &Level, nnf: &Nnf, usage: &Usage, chance: Option<u64>) -> Vec<Asked> {
-    let key = |target: usize, cell: Cell| chance.map_or(u64::from(cell.distance), |c| rng::mix(c ^ target as u64));
-    let labels = level.atlas.patches.labels();
-    let room = |i: usize| labels[i] != NO_PATCH && usage.has_room(Place(i as u32), labels[i]);
-    let mut all: Vec<Asked> = (0..labels.len()).map(|i| Asked { holder: NOBODY, loss: 0, has_room: room(i) }).collect();
-    for (target, cell) in nnf.assigned() {
-        let asked = &mut all[cell.place.index()];
-        if asked.holder == NOBODY || key(target, cell) > key(asked.holder as usize, nnf.cells[asked.holder as usize]) {
-            asked.holder = target as u32;
-            let second = usage.second_choices.get(target).copied().unwrap_or(0);
-            // Distances have 30 bits.
-            asked.loss = second as i32 - cell.distance as i32;
+/// A field that keeps to bounds while its patches exchange places.
+#[derive(Debug)]
+pub(super) struct Exchange {
+    usage: Usage,
+    /// What every target patch wished for last.
+    wishes: Nnf,
+    /// Every pixel of the atlas.
+    asked: Vec<Asked>,
+    /// For every target patch the batch in which it changed its place last.
+    changed: Vec<u32>,
+    /// Number of the batch, over all sweeps.
+    batch: u32,
+}
+
+impl Exchange {
+    /// Makes `nnf` keep to the constraint, see [`Usage::enforce`].
+    pub fn new(level: &Level, nnf: &mut Nnf, constraint: Constraint) -> Self {
+        let usage = Usage::enforce(level, nnf, constraint);
+        let n = nnf.cells.len();
+        let wishes = Nnf { width: nnf.width, cells: vec![Cell::NONE; n] };
+        Self { usage, wishes, asked: Vec::new(), changed: vec![0; n], batch: 0 }
+    }
+
+    /// Computes the distances of all wishes anew, when the images have changed.
+    pub fn evaluate(&mut self, level: &Level) {
+        level.search().evaluate(&mut self.wishes);
+    }
+
+    /// One sweep over all patches.
+    pub fn sweep(&mut self, level: &Level, nnf: &mut Nnf, sweep: Sweep) {
+        let by_chance = !sweep.number.is_multiple_of(2);
+        self.ask(level, nnf, by_chance.then_some(sweep.seed));
+        let quiet = (nnf.total() / (QUIET * nnf.assigned().count().max(1) as u64)) as u32;
+        let (width, height) = (nnf.width, nnf.cells.len() / nnf.width);
+        let batches = (height / ROWS).clamp(1, BATCHES);
+        for batch in 0..batches {
+            let first = if sweep.backwards() { batches - 1 - batch } else { batch };
+            let rows = (first..height).step_by(batches);
+            let runs = rows.flat_map(|y| (0..width).step_by(RUN).map(move |x| (y * width + x, RUN.min(width - x))));
+            self.batch(level, nnf, &runs.collect::<Vec<_>>(), sweep, quiet);
         }
     }
-    all
-}
 
-/// Carries out the best chains first, leaving out those some of whose patches have changed meanwhile.
-fn settle(level: &Level, nnf: &mut Nnf, usage: &mut Usage, asked: &[Asked], wishes: &[Cell], chains: &[Chain]) {
-    let mut changed = vec![false; nnf.cells.len()];
-    let mut members = Vec::with_capacity(LONGEST + 1);
-    for chain in chains {
-        members.clear();
-        members.push(chain.first as usize);
-        let mut last = Place::NONE;
-        for k in 0..chain.length as usize {
-            last = wishes[members[k]].place;
-            if k + 1 < chain.length as usize || !chain.to_room {
-                members.push(asked[last.index()].holder as usize);
+    /// Wishes and chains of the patches in `runs`, first pixel and length, and the best of the chains carried out.
+    fn batch(&mut self, level: &Level, nnf: &mut Nnf, runs: &[(usize, usize)], sweep: Sweep, quiet: u32) {
+        let (usage, asked, wishes) = (&self.usage, &self.asked[..], &self.wishes.cells[..]);
+        let state = State { level, search: level.search(), nnf, usage, asked, wishes, quiet };
+        let found = par::map(runs.len(), |i| state.run(runs[i].0, runs[i].1, sweep));
+        let mut chains: Vec<&Chain> = found.iter().flat_map(|found| &found.1).collect();
+        chains.sort_unstable_by_key(|chain| (std::cmp::Reverse(chain.gain), chain.members[0]));
+        self.batch += 1;
+        chains.iter().for_each(|chain| self.settle(level, nnf, chain));
+        for wish in found.iter().flat_map(|found| &found.0) {
+            if self.changed[wish.target as usize] != self.batch {
+                self.wishes.cells[wish.target as usize] = wish.cell;
             }
         }
-        let first = nnf.cells[members[0]].place;
-        let segment = level.target.labels()[members[0]];
-        let possible = !chain.to_room || (usage.has_room(last, segment) && usage.can_spare(first, segment));
-        if !possible || members.iter().any(|&m| changed[m]) {
-            continue;
-        }
-        for &member in &members[..chain.length as usize] {
-            nnf.cells[member] = wishes[member];
-        }
-        if chain.to_room {
-            usage.moved(first, last);
-        } else {
-            nnf.cells[members[members.len() - 1]] = Cell { place: first, distance: chain.closing };
-        }
-        members.iter().for_each(|&m| changed[m] = true);
     }
-}
 
-/// What all patches see during a sweep.
-struct State<'a> {
-    level: &'a Level<'a>,
-    search: Search<'a>,
-    nnf: &'a Nnf,
-    usage: &'a Usage,
-    asked: &'a [Asked],
-}
-
-impl State<'_> {
-    /// What a patch would like most: the place that costs least, its distance and what its holder would lose.
-    fn wish(&self, target: usize, sweep: Sweep, candidates: &mut Vec<Candidate>) -> Cell {
-        let held = self.nnf.cells[target];
-        if held.place == Place::NONE {
-            return held;
-        }
-        let segment = self.level.target.labels()[target];
-        let may_leave = self.usage.can_spare(held.place, segment);
-        let loss = |place: u32| match self.asked[place as usize] {
-            Asked { has_room: true, .. } if may_leave => 0,
-            asked => asked.loss,
+    /// Says of every place who is asked to leave it.
+    fn ask(&mut self, level: &Level, nnf: &Nnf, chance: Option<u64>) {
+        let key = |target: usize, cell: Cell| match chance {
+            None => i64::from(loss(self.wishes.cells[target], cell)),
+            Some(chance) => (rng::mix(chance ^ target as u64) >> 1) as i64,
         };
-        self.places(target, held.place, segment, sweep, candidates);
-        // Losses may be negative, what is added to a distance may not.
-        let mut least = 0;
-        for candidate in candidates.iter_mut() {
-            let loss = loss(candidate.centre);
-            least = least.min(loss);
-            candidate.base = loss as u32;
-        }
-        candidates.iter_mut().for_each(|c| c.base = c.base.wrapping_sub(least as u32));
-        self.search.nearest(target, candidates, u32::MAX).map_or(held, |(n, cost)| {
-            let Candidate { centre, base, .. } = candidates[n];
-            Cell { place: Place(centre), distance: cost - base }
-        })
-    }
-
-    /// The best chain that starts with a patch.
-    fn chain(&self, first: usize, wishes: &[Cell]) -> Option<Chain> {
-        let held = self.nnf.cells[first];
-        if held.place == Place::NONE {
-            return None;
-        }
-        let may_leave = self.usage.can_spare(held.place, self.level.target.labels()[first]);
-        let mut members = [NOBODY; LONGEST];
-        let (mut target, mut gain) = (first, 0i64);
-        let mut best: Option<Chain> = None;
-        let mut offer = |total: i64, length: usize, to_room: bool, closing: u32| {
-            if total > best.map_or(0, |b| i64::from(b.gain)) {
-                best = Some(Chain { gain: total as u32, first: first as u32, length: length as u32, to_room, closing });
-            }
-        };
-        for length in 1..LONGEST {
-            let (here, wish) = (self.nnf.cells[target], wishes[target]);
-            let asked = self.asked[wish.place.index()];
-            members[length - 1] = target as u32;
-            gain += i64::from(here.distance) - i64::from(wish.distance);
-            if asked.has_room && may_leave && wish.place != here.place {
-                offer(gain, length, true, 0);
-                break;
-            }
-            if asked.holder == NOBODY || members[..length].contains(&asked.holder) || wish.place == here.place {
-                break;
-            }
-            let holder = asked.holder as usize;
-            let left = gain + i64::from(self.nnf.cells[holder].distance);
-            if left <= 0 {
-                break;
-            }
-            if let Some(closing) = self.search.distance_below(holder, held.place, left.min(i64::from(u32::MAX)) as u32)
+        let labels = level.atlas.patches.labels();
+        let room = |i: usize| labels[i] != NO_PATCH && self.usage.has_room(Place(i as u32), labels[i]);
+        let mut all: Vec<Asked> =
+            (0..labels.len()).map(|i| Asked { holder: NOBODY, loss: 0, has_room: room(i) }).collect();
+        for (target, cell) in nnf.assigned() {
+            let asked = &mut all[cell.place.index()];
+            if asked.holder == NOBODY
+                || key(target, cell) < key(asked.holder as usize, nnf.cells[asked.holder as usize])
             {
-                offer(left - i64::from(closing), length, false, closing);
+                asked.holder = target as u32;
+                asked.loss = loss(self.wishes.cells[target], cell);
             }
-            target = holder;
         }
-        best
+        self.asked = all;
     }
 
-    /// The neighbours' places moved by a pixel, and places at random round the held one.
-    fn places(&self, target: usize, held: Place, segment: u8, sweep: Sweep, out: &mut Vec<Candidate>) {
-        out.clear();
-        let (from, to) = (self.level.target.stack.width as isize, self.level.atlas.patches.stack.width as isize);
-        let mut push = |place: isize| {
-            if place != held.0 as isize
-                && let Some(centre) = self.level.atlas.patches.in_segment(place, segment)
-            {
-                out.push(Candidate { centre, base: 0, step: self.search.step(target, centre) });
-            }
-        };
-        for (here, there) in [(-1, -1), (1, 1), (-from, -to), (from, to)] {
-            let neighbour = usize::try_from(target as isize + here).ok().and_then(|i| self.nnf.cells.get(i));
-            if let Some(cell) = neighbour.filter(|cell| cell.place != Place::NONE) {
-                push(cell.place.0 as isize - there);
+    /// Carries out a chain, unless some of its patches have changed meanwhile.
+    fn settle(&mut self, level: &Level, nnf: &mut Nnf, chain: &Chain) {
+        let length = chain.length as usize;
+        let members = &chain.members[..length + usize::from(!chain.to_room)];
+        if members.iter().any(|&m| self.changed[m as usize] == self.batch) {
+            return;
+        }
+        let first = nnf.cells[members[0] as usize].place;
+        let mut news = [Cell { place: first, distance: chain.closing }; LONGEST + 1];
+        (0..length).for_each(|k| news[k] = chain.wish(k, &self.wishes.cells));
+        if chain.to_room && !self.make_room(level, members[0], first, news[length - 1].place) {
+            return;
+        }
+        for (k, (&member, &new)) in members.iter().zip(&news).enumerate() {
+            let next = (k + 1) % members.len();
+            let left = (next > 0 || !chain.to_room).then_some(members[next]);
+            self.put(nnf, member, new, left);
+        }
+    }
+
+    /// Counts one use from place `from`, which `member` leaves, to place `to`, if the bounds allow it now.
+    fn make_room(&mut self, level: &Level, member: u32, from: Place, to: Place) -> bool {
+        let segment = level.target.labels()[member as usize];
+        let possible = self.usage.has_room(to, segment) && self.usage.can_spare(from, segment);
+        if possible {
+            self.usage.moved(from, to);
+            self.asked[to.index()].has_room = self.usage.has_room(to, segment);
+            let asked = &mut self.asked[from.index()];
+            asked.has_room = true;
+            if asked.holder == member {
+                asked.holder = NOBODY;
             }
         }
-        Windows::new(held, to as usize, sweep.reach, rng::mix(sweep.seed ^ rng::mix(target as u64))).for_each(push);
+        possible
     }
+
+    /// Gives a patch the place that `left` leaves, or one with room.
+    fn put(&mut self, nnf: &mut Nnf, member: u32, new: Cell, left: Option<u32>) {
+        let m = member as usize;
+        let old = nnf.cells[m];
+        nnf.cells[m] = new;
+        // What it had is what it would take next, if nothing better is known.
+        let wish = &mut self.wishes.cells[m];
+        if wish.place == new.place || wish.place == Place::NONE || wish.distance > old.distance {
+            *wish = old;
+        }
+        self.changed[m] = self.batch;
+        let asked = &mut self.asked[new.place.index()];
+        if asked.holder == NOBODY || Some(asked.holder) == left {
+            asked.holder = member;
+            asked.loss = loss(*wish, new);
+        }
+    }
+}
+
+/// What a patch would lose by taking its wish. Distances have 30 bits.
+fn loss(wish: Cell, held: Cell) -> i32 {
+    wish.distance as i32 - held.distance as i32
 }

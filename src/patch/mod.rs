@@ -11,7 +11,7 @@
 //! - [`nnf`]: the field.
 //! - `distance`, [`patch_match`], [`vote`]: the two steps.
 //! - [`rules`]: how the field is constrained: plain, coherent, bidirectional, by an occurrence map, or uniform. `usage`,
-//!   `leftovers` and `exchange` do the last two, `coherence` and `completeness` those before.
+//!   `leftovers`, `exchange` and `chains` do the last two, `coherence` and `completeness` those before.
 //! - [`image`], [`engine`]: what goes in and out, and the loop.
 //!
 //! A method says which channels there are, what they weigh, which images are the source and what a frame starts from. For
@@ -19,6 +19,7 @@
 //! guide, and the previous frame on both sides; a video exemplar is another [`engine::Source`] each frame.
 
 pub mod atlas;
+mod chains;
 pub mod channels;
 mod coherence;
 mod completeness;

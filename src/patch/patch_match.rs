@@ -52,6 +52,13 @@ pub struct Sweep {
     pub seed: u64,
 }
 
+impl Sweep {
+    /// Whether it goes from the last pixel to the first.
+    pub(super) fn backwards(self) -> bool {
+        !self.number.is_multiple_of(2)
+    }
+}
+
 impl<'a> Search<'a> {
     fn comparison(&self) -> Comparison<'a> {
         Comparison { layout: self.layout, from: &self.from.stack, to: &self.to.stack }
@@ -85,6 +92,11 @@ impl<'a> Search<'a> {
     /// The number of the nearest candidate and its distance, if that is below `limit`.
     pub(super) fn nearest(&self, from: usize, candidates: &[Candidate], limit: u32) -> Option<(usize, u32)> {
         self.comparison().nearest(from as u32, candidates, limit)
+    }
+
+    /// The distances of all candidates.
+    pub(super) fn distances(&self, from: usize, candidates: &[Candidate], out: &mut Vec<u32>) {
+        self.comparison().distances(from as u32, candidates, out);
     }
 
     /// Computes all distances anew, for places that were found in another state of the images.

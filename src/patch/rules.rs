@@ -2,17 +2,17 @@
 
 use super::coherence::Similar;
 use super::completeness::{Completeness, Votes};
-use super::exchange;
+use super::exchange::Exchange;
 use super::level::Level;
 use super::nnf::Nnf;
 use super::patch_match::Sweep;
-use super::usage::{Bounds, Constraint, Usage};
+use super::usage::{Bounds, Constraint};
 use super::vote::{Manner, Vote};
 use crate::base::options::Words;
 use crate::base::rng;
 
 /// Half the first window of random places on levels that start from a coarser one, in pixels.
-const NEAR: usize = 32;
+const NEAR: usize = 8;
 
 /// A rule for the nearest-neighbour field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -46,7 +46,7 @@ pub(super) struct Rules {
     rule: Rule,
     sweeps: usize,
     manner: Manner,
-    usage: Option<Usage>,
+    exchange: Option<Exchange>,
     similar: Option<Similar>,
     completeness: Option<Completeness>,
     back: Option<Votes>,
@@ -56,7 +56,7 @@ impl Rules {
     /// `manner` is how the rules vote that blend.
     pub fn new(rule: Rule, sweeps: usize, manner: Manner) -> Self {
         let manner = if rule == Rule::Coherent { Manner::Discrete } else { manner };
-        Self { rule, sweeps, manner, usage: None, similar: None, completeness: None, back: None }
+        Self { rule, sweeps, manner, exchange: None, similar: None, completeness: None, back: None }
     }
 
     /// Improves the field for the present state of the target.
@@ -109,10 +109,11 @@ impl Rules {
         level.search().evaluate(nnf);
         // Far places are found on the coarsest level; on the others they hardly ever help.
         let reach = if level.coarsest { level.reach() } else { NEAR };
-        let usage = self.usage.get_or_insert_with(|| Usage::enforce(level, nnf, constraint));
+        let exchange = self.exchange.get_or_insert_with(|| Exchange::new(level, nnf, constraint));
+        exchange.evaluate(level);
         for number in 0..self.sweeps {
             let seed = rng::hash(level.seed, &[round as u64, number as u64]);
-            exchange::sweep(level, nnf, usage, Sweep { number, reach, seed });
+            exchange.sweep(level, nnf, Sweep { number: round * self.sweeps + number, reach, seed });
         }
     }
 }

@@ -45,8 +45,6 @@ pub(super) struct Usage {
     bounds: [Bounds; 2],
     /// Uses of every pixel of the atlas.
     counts: Vec<u32>,
-    /// Of every target patch, the distance at what it last wished for; see [`super::exchange`].
-    pub second_choices: Vec<u32>,
 }
 
 impl Usage {
@@ -55,8 +53,7 @@ impl Usage {
     pub fn enforce(level: &Level, nnf: &mut Nnf, constraint: Constraint) -> Self {
         let sizes = |s| (level.target.centres(s).len(), level.atlas.patches.centres(s).len());
         let bounds = SEGMENTS.map(|s| constraint(sizes(s).0, sizes(s).1));
-        let mut usage =
-            Self { bounds, counts: vec![0; level.atlas.patches.labels().len()], second_choices: Vec::new() };
+        let mut usage = Self { bounds, counts: vec![0; level.atlas.patches.labels().len()] };
         for segment in SEGMENTS {
             let free = usage.let_go(level, nnf, segment);
             let slots = usage.slots(level, segment, free.len());

@@ -1,0 +1,187 @@
+//! What patches wish for, and chains of wishes that come true together; see [`super::exchange`].
+
+use super::atlas::Place;
+use super::distance::Candidate;
+use super::exchange::{Asked, NOBODY};
+use super::level::Level;
+use super::nnf::{Cell, Nnf};
+use super::patch_match::{Search, Sweep, Windows};
+use super::usage::Usage;
+use crate::base::rng;
+
+/// Most wishes of a chain.
+pub(super) const LONGEST: usize = 3;
+
+/// Wishes that a patch tries; the best chain counts. What a holder would lose is a guess, so the cheapest often fails.
+const TRIES: usize = 4;
+/// Sweeps from one in which a patch that can gain little is looked at to the next.
+const REST: usize = 4;
+
+/// What a patch wishes for.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Wish {
+    pub target: u32,
+    pub cell: Cell,
+}
+
+/// Patches that pass their places on along their wishes. All gain together.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Chain {
+    pub gain: u32,
+    /// Wishes that come true.
+    pub length: u32,
+    /// Whether the last wish is a place with room.
+    pub to_room: bool,
+    /// Otherwise the distance of its holder at the place of the first patch.
+    pub closing: u32,
+    /// What the first one wishes for; the wishes of the others are known.
+    pub wish: Cell,
+    /// Who has to move, one more than wishes where the chain closes.
+    pub members: [u32; LONGEST + 1],
+}
+
+impl Chain {
+    /// The wish of member `k`.
+    pub fn wish(&self, k: usize, wishes: &[Cell]) -> Cell {
+        if k == 0 { self.wish } else { wishes[self.members[k] as usize] }
+    }
+}
+
+/// What all patches of a batch see.
+pub(super) struct State<'a> {
+    pub level: &'a Level<'a>,
+    pub search: Search<'a>,
+    pub nnf: &'a Nnf,
+    pub usage: &'a Usage,
+    pub asked: &'a [Asked],
+    /// What everybody wished for last.
+    pub wishes: &'a [Cell],
+    /// Patches nearer to their place than this can gain little, and are looked at in every [`REST`]th sweep only.
+    pub quiet: u32,
+}
+
+/// What a thread uses again and again.
+#[derive(Debug, Default)]
+struct Scratch {
+    candidates: Vec<Candidate>,
+    distances: Vec<u32>,
+    /// What every candidate costs, and its distance.
+    offers: Vec<(i64, Cell)>,
+}
+
+impl State<'_> {
+    /// Wishes and chains of `length` pixels of a row, one after the other.
+    pub fn run(&self, start: usize, length: usize, sweep: Sweep) -> (Vec<Wish>, Vec<Chain>) {
+        let (mut wishes, mut chains, mut scratch) = (Vec::with_capacity(length), Vec::new(), Scratch::default());
+        // The place of the pixel before, or the one to which it is about to go.
+        let mut before = Place::NONE;
+        for k in 0..length {
+            let target = if sweep.backwards() { start + length - 1 - k } else { start + k };
+            let held = self.nnf.cells[target];
+            if held.place == Place::NONE || self.rests(target, sweep) {
+                before = held.place;
+                continue;
+            }
+            self.offers(target, before, sweep, &mut scratch);
+            let best = scratch.offers.iter().take(TRIES).filter_map(|&(_, cell)| self.chain(target, cell));
+            // The first of equals, that is the one that costs least.
+            let best = best.reduce(|best, chain| if chain.gain > best.gain { chain } else { best });
+            before = best.map_or(held.place, |chain| chain.wish.place);
+            wishes.extend(scratch.offers.first().map(|&(_, cell)| Wish { target: target as u32, cell }));
+            chains.extend(best);
+        }
+        (wishes, chains)
+    }
+
+    fn rests(&self, target: usize, sweep: Sweep) -> bool {
+        self.nnf.cells[target].distance < self.quiet && !(target + sweep.number).is_multiple_of(REST)
+    }
+
+    /// What a patch may wish for, the cheapest first: a place costs its distance, and what its holder would lose.
+    fn offers(&self, target: usize, before: Place, sweep: Sweep, scratch: &mut Scratch) {
+        let (held, last) = (self.nnf.cells[target], self.wishes[target]);
+        let segment = self.level.target.labels()[target];
+        let may_leave = self.usage.can_spare(held.place, segment);
+        let cost = |cell: Cell| {
+            let asked = self.asked[cell.place.index()];
+            i64::from(cell.distance) + if asked.has_room && may_leave { 0 } else { i64::from(asked.loss) }
+        };
+        let Scratch { candidates, distances, offers } = scratch;
+        self.places(target, held.place, before, segment, sweep, candidates);
+        self.search.distances(target, candidates, distances);
+        offers.clear();
+        let new = candidates.iter().zip(distances.iter());
+        let new = new.map(|(candidate, &distance)| Cell { place: Place(candidate.centre), distance });
+        let known = (last.place != Place::NONE && last.place != held.place).then_some(last);
+        offers.extend(new.filter(|cell| cell.place != last.place).chain(known).map(|cell| (cost(cell), cell)));
+        offers.sort_unstable_by_key(|&(cost, cell)| (cost, cell.place));
+    }
+
+    /// The best chain that starts with a patch and its wish.
+    fn chain(&self, first: usize, wish: Cell) -> Option<Chain> {
+        let held = self.nnf.cells[first];
+        let may_leave = self.usage.can_spare(held.place, self.level.target.labels()[first]);
+        let mut members = [NOBODY; LONGEST + 1];
+        let (mut target, mut next, mut gain) = (first, wish, 0i64);
+        let mut best: Option<Chain> = None;
+        let mut offer = |total: i64, length: usize, to_room: bool, closing: u32, members: [u32; LONGEST + 1]| {
+            if total > best.map_or(0, |b| i64::from(b.gain)) {
+                best = Some(Chain { gain: total as u32, length: length as u32, to_room, closing, wish, members });
+            }
+        };
+        for length in 1..=LONGEST {
+            let here = self.nnf.cells[target];
+            if next.place == here.place || next.place == Place::NONE {
+                break;
+            }
+            let asked = self.asked[next.place.index()];
+            members[length - 1] = target as u32;
+            gain += i64::from(here.distance) - i64::from(next.distance);
+            if asked.has_room && may_leave {
+                offer(gain, length, true, 0, members);
+                break;
+            }
+            if asked.holder == NOBODY || members[..length].contains(&asked.holder) {
+                break;
+            }
+            let holder = asked.holder as usize;
+            let left = gain + i64::from(self.nnf.cells[holder].distance);
+            if left <= 0 {
+                break;
+            }
+            members[length] = asked.holder;
+            if let Some(closing) = self.search.distance_below(holder, held.place, left.min(i64::from(u32::MAX)) as u32)
+            {
+                offer(left - i64::from(closing), length, false, closing, members);
+            }
+            target = holder;
+            next = self.wishes[holder];
+        }
+        best
+    }
+
+    /// The neighbours' places moved by a pixel, and places at random round the held one.
+    fn places(&self, target: usize, held: Place, before: Place, segment: u8, sweep: Sweep, out: &mut Vec<Candidate>) {
+        out.clear();
+        let (from, to) = (self.level.target.stack.width as isize, self.level.atlas.patches.stack.width as isize);
+        let mut push = |place: isize| {
+            if place != held.0 as isize
+                && let Some(centre) = self.level.atlas.patches.in_segment(place, segment)
+                && out.iter().all(|c| c.centre != centre)
+            {
+                out.push(Candidate { centre, base: 0, step: self.search.step(target, centre) });
+            }
+        };
+        let side = if sweep.backwards() { 1 } else { -1 };
+        if before != Place::NONE {
+            push(before.0 as isize - side);
+        }
+        for (here, there) in [(-side, -side), (-from, -to), (from, to)] {
+            let neighbour = usize::try_from(target as isize + here).ok().and_then(|i| self.nnf.cells.get(i));
+            if let Some(cell) = neighbour.filter(|cell| cell.place != Place::NONE) {
+                push(cell.place.0 as isize - there);
+            }
+        }
+        Windows::new(held, to as usize, sweep.reach, rng::mix(sweep.seed ^ rng::mix(target as u64))).for_each(push);
+    }
+}
