@@ -104,3 +104,66 @@ fn what_cannot_be_borrowed_is_named() {
     contains(&format!("{LAZY}{DOWN}[lazyfluids]\nl = 0.95"), "lazyfluids.l: 0.95 is out of range");
     contains(&format!("{LAZY}[output]\nframes = 6\n"), "--direction");
 }
+
+#[test]
+fn every_patch_is_used_equally_often_in_every_frame() {
+    let stage = Stage::new();
+    for more in ["", "exemplar = 'e.png'\n", "exemplar = 'e.png'\nexemplar_alpha = 'disc.png'\n"] {
+        let disc = |x: usize, y: usize| (15.0 - (x as f32 - 20.0).hypot(y as f32 - 18.0)).clamp(0.0, 1.0);
+        write_grey_png(&stage.path("disc.png"), &Plane::from_fn(40, 36, disc)).unwrap();
+        let (_, outcome) = stage.run(&format!("{LAZY}{more}{DOWN}")).unwrap();
+        let synthesis = outcome.record.synthesis.unwrap();
+        // Six frames, and three that lead to the first.
+        assert_eq!(synthesis.frames.len(), 9);
+        for frame in &synthesis.frames {
+            let (least, most) = frame.inside_usage.unwrap();
+            assert!(most >= 1 && most - least <= 1, "{more} {frame:?}");
+            let (least, most) = frame.outline_usage.unwrap_or_default();
+            assert!(most - least <= 1, "{more} {frame:?}");
+        }
+    }
+    // The baseline does as it likes.
+    let (_, outcome) = stage.run(&format!("method = 'kwatra'\nexemplar = 'e.png'\n{DOWN}")).unwrap();
+    let usage = outcome.record.synthesis.unwrap().frames[4].inside_usage.unwrap();
+    assert!(usage.1 - usage.0 > 2, "{usage:?}");
+}
+
+/// A clip of noise that sinks by a pixel a frame, brightest in its middle.
+fn write_clip(path: &std::path::Path, frames: usize) {
+    std::fs::create_dir_all(path).unwrap();
+    let whole = texture(48, 120, 9);
+    for t in 0..frames {
+        let mut frame = Rgb8::black(48, 40);
+        for y in 0..40 {
+            for x in 0..48 {
+                let bright = (1.5 - (x as f32 - 24.0).hypot(y as f32 - 20.0) / 20.0).clamp(0.0, 1.0);
+                let pixel = whole.pixel(x, y + 60 - t);
+                let to = 3 * (y * 48 + x);
+                for c in 0..3 {
+                    frame.data[to + c] = (f32::from(pixel[c]) * bright) as u8;
+                }
+            }
+        }
+        write_png(&path.join(format!("{t:03}.png")), &frame).unwrap();
+    }
+}
+
+#[test]
+fn a_clip_shorter_than_the_video_is_looped_and_black_is_transparent() {
+    let stage = Stage::new();
+    write_clip(&stage.path("clip"), 20);
+    let scene = "exemplar = 'clip'\nexemplar_alpha = 'luminance'\n[motion]\ndirection = 90\n[output]\nframes = 30\n";
+    for method in ["lazyfluids", "kwatra"] {
+        let (frames, outcome) = stage.run(&format!("method = '{method}'\n{scene}")).unwrap();
+        assert_eq!(frames.len(), 30);
+        let apart = |a: &Rgb8, b: &Rgb8| -> u64 { a.data.iter().zip(&b.data).map(|(a, b)| u64::from(a.abs_diff(*b))).sum() };
+        let steps: Vec<u64> = (0..30).map(|t| apart(&frames[t], &frames[(t + 1) % 30])).collect();
+        let mut sorted = steps.clone();
+        sorted.sort_unstable();
+        assert!(sorted[0] > 0 && steps[29] < 2 * sorted[15], "{method}: {steps:?}");
+        if method == "lazyfluids" {
+            let synthesis = outcome.record.synthesis.unwrap();
+            assert!(synthesis.frames.iter().all(|f| f.outline_usage.is_some() && f.inside_usage.is_some()));
+        }
+    }
+}

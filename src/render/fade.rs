@@ -14,15 +14,21 @@ pub fn mixed(a: &Premultiplied, b: &Premultiplied, share: f32) -> Premultiplied 
     let low = |image: &Premultiplied| par::map(4, |c| gaussian(&image.planes[c], SIGMA));
     let (low_a, low_b) = par::join(|| low(a), || low(b));
     let gain = gains((a, &low_a), (b, &low_b), share);
-    let plane = |c: usize| {
-        let value = |i: usize| {
-            let mix = |a: f32, b: f32| share * a + (1.0 - share) * b;
-            let mean = mix(low_a[c].data[i], low_b[c].data[i]);
-            mean + gain.data[i] * (mix(a.planes[c].data[i], b.planes[c].data[i]) - mean)
-        };
-        Plane::from_vec(gain.width, gain.height, (0..gain.data.len()).map(value).collect())
-    };
-    Premultiplied::from_planes(std::array::from_fn(plane))
+    let (width, height) = a.size();
+    let mut out = std::array::from_fn(|_| Plane::zeros(width, height));
+    for i in 0..width * height {
+        let mix = |a: f32, b: f32| share * a + (1.0 - share) * b;
+        let mean: [f32; 4] = std::array::from_fn(|c| mix(low_a[c].data[i], low_b[c].data[i]));
+        let detail: [f32; 4] = std::array::from_fn(|c| mix(a.planes[c].data[i], b.planes[c].data[i]) - mean[c]);
+        let alpha = (mean[3] + gain.data[i] * detail[3]).clamp(0.0, 1.0);
+        // As much as fits between black and opaque in all channels alike, or colours would turn.
+        let fits = |(m, d): (&f32, &f32)| if *d > 0.0 { (alpha - m) / d } else { m / (-d).max(1e-9) };
+        let room = mean[..3].iter().zip(&detail).map(fits).fold(gain.data[i], f32::min).max(1.0);
+        for (c, plane) in out.iter_mut().enumerate() {
+            plane.data[i] = if c < 3 { mean[c] + room * detail[c] } else { alpha };
+        }
+    }
+    Premultiplied::from_planes(out)
 }
 
 /// The factor at every pixel, from images and their low-pass planes.

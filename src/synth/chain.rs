@@ -9,10 +9,11 @@ use crate::base::error::Result;
 use crate::base::observe::Observer;
 use crate::base::rng;
 use crate::flow::field::Field;
-use crate::patch::engine::{Engine, Frame, Image, LevelReport, Settings, Source, Target as Start};
+use super::record::FrameRecord;
+use crate::patch::engine::{Engine, Frame, Image, Settings, Source, Target as Start};
 use crate::patch::nnf::Nnf;
-use crate::patch::segments::Thresholds;
-use crate::patch::vote::Anchor;
+use crate::patch::segments::{BOUNDARY, INTERIOR, Thresholds};
+use crate::patch::vote::{Anchor, Manner};
 use crate::raster::image::Plane;
 use crate::raster::premultiplied::Premultiplied;
 use crate::scene::target::Target;
@@ -48,8 +49,8 @@ pub struct State {
     pub field: Nnf,
     /// Motion that is still owed, pixels.
     pub owed: Field,
-    /// How the work went, coarse to fine.
-    pub levels: Vec<LevelReport>,
+    /// How the work went.
+    pub record: FrameRecord,
 }
 
 impl State {
@@ -70,7 +71,7 @@ pub struct Chain<'a> {
     /// Where the exemplar is the same in all frames.
     source: Option<Source>,
     /// The fluid's surroundings, where patches know them.
-    around: Option<[Plane; 3]>,
+    around: Option<Plane>,
     opaque: bool,
 }
 
@@ -87,7 +88,7 @@ impl<'a> Chain<'a> {
     ) -> Result<Self> {
         let engine = Engine::new(recipe.channels.layout(recipe.radius)?, recipe.settings.clone());
         let around = recipe.channels.surroundings(&exemplar.at(0));
-        let opaque = exemplar.is_opaque() || !recipe.channels.makes_alpha();
+        let opaque = exemplar.is_opaque();
         let mut chain = Self { recipe, engine, exemplar, target, observer, source: None, around, opaque };
         if exemplar.is_still() {
             chain.source = Some(chain.source(0, 0)?);
@@ -108,7 +109,7 @@ impl<'a> Chain<'a> {
         let target = Start { modulation: Some(zero), kept, ..Start::new(image) };
         let source = self.source_of(0, 0)?;
         let frame = self.engine.frame(source.as_ref(), &target, self.observer)?;
-        let mut state = self.state(0, frame, &alpha, Field::zeros(alpha.width, alpha.height));
+        let mut state = left(0, frame, &source, &alpha, Field::zeros(alpha.width, alpha.height));
         if self.exemplar.own {
             state.layer = start;
         }
@@ -125,9 +126,13 @@ impl<'a> Chain<'a> {
         let carry = Carry::new(&flow, &state.owed);
         let before = Premultiplied::from_planes(state.layer.planes.each_ref().map(|p| carry.carried(p)));
         let coherence = self.coherence(state.t, &alpha, &flow, &carry)?;
+        let mut start = before.clone();
+        if !self.recipe.channels.makes_alpha() {
+            start.planes[3] = alpha.clone();
+        }
         let anchor = (self.recipe.anchor > 0.0).then(|| self.anchor(&before, &coherence));
         let target = Start {
-            image: self.image(&before, &alpha, &before),
+            image: self.image(&start, &alpha, &before),
             kept: Some(coherence.clone()),
             modulation: Some(coherence),
             anchor,
@@ -135,7 +140,7 @@ impl<'a> Chain<'a> {
         };
         let source = self.source_of(t, state.t)?;
         let frame = self.engine.frame(source.as_ref(), &target, self.observer)?;
-        Ok(self.state(t, frame, &alpha, carry.owed))
+        Ok(left(t, frame, &source, &alpha, carry.owed))
     }
 
     /// Designed opacity of frame `to`, and the motion that leads there from its neighbour `from`.
@@ -161,8 +166,14 @@ impl<'a> Chain<'a> {
     }
 
     fn anchor(&self, before: &Premultiplied, coherence: &Plane) -> Anchor {
-        let synthesised = self.engine.layout().synthesised();
-        let weight = coherence.map(|c| c * self.recipe.anchor);
+        let layout = self.engine.layout();
+        let synthesised = layout.synthesised();
+        // Robust votes are powers of whole-number distances; one of distance 1 is what the anchor counts in.
+        let vote = match self.recipe.settings.manner {
+            Manner::Robust => f64::from(layout.to_distance(1.0)).powf(-0.6) as f32,
+            Manner::Mean | Manner::Discrete => 1.0,
+        };
+        let weight = coherence.map(|c| c * self.recipe.anchor * vote);
         Anchor { planes: before.planes[..synthesised].to_vec(), weight }
     }
 
@@ -173,27 +184,19 @@ impl<'a> Chain<'a> {
     /// Exemplar frame `t` with `before` as the one before it.
     fn source(&self, t: i64, before: i64) -> Result<Source> {
         let (now, before) = (self.exemplar.at(t), self.exemplar.at(before));
-        let around = self.around.as_ref();
-        let parts = Parts { now: &now, alpha: now.alpha(), before: &before, around, opaque: self.opaque };
-        let image = self.recipe.channels.image(&parts, self.thresholds().lower);
+        let image = self.image(&now, now.alpha(), &before);
         self.engine.source(&if self.recipe.turned { image.quarter_turns().to_vec() } else { vec![image] })
     }
 
     fn image(&self, now: &Premultiplied, alpha: &Plane, before: &Premultiplied) -> Image {
-        let around = self.around.as_ref();
-        let parts = Parts { now, alpha, before, around, opaque: self.opaque };
+        let (around, opaque) = (self.around.as_ref(), self.opaque);
+        let whole = opaque || !self.recipe.channels.makes_alpha();
+        let parts = Parts { now, alpha, before, around, whole, opaque };
         self.recipe.channels.image(&parts, self.thresholds().lower)
     }
 
     fn thresholds(&self) -> Thresholds {
         self.recipe.settings.thresholds
-    }
-
-    fn state(&self, t: i64, frame: Frame, alpha: &Plane, owed: Field) -> State {
-        let mut planes = frame.planes.into_iter();
-        let mut next = || planes.next().unwrap_or_else(|| alpha.clone());
-        let layer = Premultiplied::from_planes([next(), next(), next(), next()]);
-        State { t, layer, field: frame.nnf, owed, levels: frame.levels }
     }
 
     /// What the first frame starts from: the picture's own fluid, or noise about the exemplar's mean colour.
@@ -215,5 +218,30 @@ impl<'a> Chain<'a> {
             Plane::from_vec(width, height, shaded.collect())
         };
         Premultiplied::from_planes([colour(0), colour(1), colour(2), alpha.clone()])
+    }
+}
+
+fn left(t: i64, frame: Frame, source: &Source, alpha: &Plane, owed: Field) -> State {
+    let record = record(t, &frame, source);
+    let mut planes = frame.planes.into_iter();
+    let mut next = || planes.next().unwrap_or_else(|| alpha.clone());
+    let layer = Premultiplied::from_planes([next(), next(), next(), next()]);
+    State { t, layer, field: frame.nnf, owed, record }
+}
+
+fn record(t: i64, frame: &Frame, source: &Source) -> FrameRecord {
+    let (atlas, usage) = (source.atlas(), frame.nnf.usage(source.atlas()));
+    let range = |segment: u8| {
+        let counts = || atlas.patches.centres(segment).iter().map(|&s| usage[s as usize]);
+        counts().min().zip(counts().max())
+    };
+    let last = frame.levels.last();
+    let energy = last.and_then(|level| Some(level.energies.last()? / level.patches.1.max(1) as f64));
+    FrameRecord {
+        frame: t,
+        energy: energy.unwrap_or(0.0),
+        rounds: frame.levels.iter().map(|level| level.energies.len()).collect(),
+        outline_usage: range(BOUNDARY),
+        inside_usage: range(INTERIOR),
     }
 }

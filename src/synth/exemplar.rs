@@ -3,70 +3,136 @@
 use std::borrow::Cow;
 use std::path::Path;
 
+use super::exemplar_files::{self, Frames, Packed};
 use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::Observer;
+use crate::base::par;
+use crate::raster::filter::gaussian;
 use crate::raster::image::Plane;
-use crate::raster::picture_io::{Picture, read_grey, read_picture};
 use crate::raster::premultiplied::Premultiplied;
-use crate::scene::file::LUMINANCE;
+use crate::render::fade::mixed;
 use crate::scene::scene::{Scene, Still};
+use crate::scene::target::Target;
+use crate::video::looping::{Distances, LoopPlan, plan_loop, thumbnail};
+use crate::video::steps::isolated_steps;
 
-/// Brightness below which footage on black is taken for its noise, in [0, 1].
-const DARK: f32 = 0.03;
-/// Brightness from which it is opaque: flames are bright long before they are white.
-const BRIGHT: f32 = 0.5;
 /// Alpha below which nothing is seen.
 const UNSEEN: f32 = 0.5 / 255.0;
+/// Most frames of the cross-fade where a clip's loop closes.
+const FADE: usize = 20;
+/// Frames of the target that are looked at for how much fluid it has.
+const SAMPLES: usize = 8;
+/// An exemplar is not shrunk below this long side, pixels.
+const LEAST: usize = 48;
 
 /// Frames to borrow from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exemplar {
-    frames: Vec<Premultiplied>,
+    content: Content,
     /// Whether it is the picture's own fluid.
     pub own: bool,
 }
 
+#[derive(Debug, Clone, PartialEq)]
+enum Content {
+    Still(Premultiplied),
+    /// Frames, and how they are looped where there are too few.
+    Clip(Vec<Packed>, Option<LoopPlan>),
+}
+
+/// What an exemplar is wanted for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Wanted {
+    /// Its long side in pixels; 0: so that it has no more fluid than the target.
+    pub long_side: usize,
+    /// How many turned copies of it are used.
+    pub turns: usize,
+    /// Side of a patch in pixels.
+    pub side: usize,
+}
+
 impl Exemplar {
-    /// The exemplar of a scene, its long side at most `long_side` pixels (0: that of the working image); it is never enlarged.
+    /// The exemplar of a scene. It is shrunk as is wanted, never enlarged; a clip gives one frame per output frame, and is
+    /// looped seamlessly where the target is, or is longer.
     ///
     /// # Errors
-    /// A designed target without an exemplar; a file that cannot be read; opacity of another size, or none anywhere; an exemplar smaller than a patch of `side`.
-    pub fn of(scene: &Scene, still: &Still, long_side: usize, side: usize) -> Result<Self> {
-        let Some(path) = &scene.settings().exemplar else {
+    /// A designed target without an exemplar; a file that cannot be read; opacity of another size, or none anywhere; an
+    /// exemplar smaller than a patch; a cancel.
+    pub fn of(scene: &Scene, still: &Still, target: &Target, wanted: &Wanted, observer: &dyn Observer) -> Result<Self> {
+        let settings = scene.settings();
+        let Some(path) = &settings.exemplar else {
             if scene.designed().is_some() {
                 return Err(Error::new(Kind::Usage, "exemplar", "a designed target has no fluid of its own")
                     .remedy("name a picture or a clip whose looks are borrowed, with --exemplar"));
             }
-            return Ok(Self { frames: vec![Premultiplied::new(&still.working, &still.working_matte)], own: true });
+            let own = Premultiplied::new(&still.working, &still.working_matte);
+            return Ok(Self { content: Content::Still(own), own: true });
         };
-        let long_side = if long_side == 0 { still.map.working.0.max(still.map.working.1) } else { long_side };
-        let frame = shrunk(still_frame(path, scene.settings().exemplar_alpha.as_deref())?, long_side);
-        let exemplar = Self { frames: vec![frame], own: false };
-        exemplar.check(path, side)?;
+        let (frames, fps) = (target.frames(), settings.output.fps);
+        // A loop is looked for in twice the frames it needs.
+        let limit = (if target.loops() { 2 * frames } else { frames }).max(4 * FADE);
+        let long_side = if wanted.long_side == 0 { target.size().0.max(target.size().1) } else { wanted.long_side };
+        let reading = exemplar_files::Reading { long_side, limit, fps, fade: FADE };
+        let read = exemplar_files::read(path, settings.exemplar_alpha.as_deref(), &reading, observer)?;
+        let read = if wanted.long_side == 0 { fitted(read, fluid_of(target)? / wanted.turns as f64) } else { read };
+        let content = match read {
+            Frames::Still(frame) => Content::Still(frame),
+            Frames::Clip(clip) => {
+                let looped = target.loops() || clip.len() < frames;
+                let plan = looped.then(|| plan(&clip, frames)).transpose()?;
+                Content::Clip(clip, plan)
+            }
+        };
+        let exemplar = Self { content, own: false };
+        exemplar.check(path, wanted.side)?;
         Ok(exemplar)
     }
 
     /// Frame `t`; negative ones come before the first.
-    pub fn at(&self, _t: i64) -> Cow<'_, Premultiplied> {
-        Cow::Borrowed(&self.frames[0])
+    pub fn at(&self, t: i64) -> Cow<'_, Premultiplied> {
+        match &self.content {
+            Content::Still(frame) => Cow::Borrowed(frame),
+            Content::Clip(frames, Some(plan)) => {
+                let blend = plan.at(t.rem_euclid(plan.length() as i64) as usize);
+                let a = frames[blend.a.frame].unpacked();
+                Cow::Owned(match blend.b {
+                    Some(b) => mixed(&a, &frames[b.frame].unpacked(), blend.a.weight),
+                    None => a,
+                })
+            }
+            Content::Clip(frames, None) => {
+                Cow::Owned(frames[t.clamp(0, frames.len() as i64 - 1) as usize].unpacked())
+            }
+        }
     }
 
     /// Whether all frames are the same.
     pub fn is_still(&self) -> bool {
-        self.frames.len() == 1
+        matches!(self.content, Content::Still(_))
     }
 
     /// Whether there is no outline to borrow.
     pub fn is_opaque(&self) -> bool {
-        self.frames.iter().all(|f| f.alpha().data.iter().all(|&a| a > 1.0 - UNSEEN))
+        self.alphas_are(|a| a > 1.0 - UNSEEN)
+    }
+
+    fn alphas_are(&self, test: impl Fn(f32) -> bool + Sync + Send) -> bool {
+        match &self.content {
+            Content::Still(frame) => frame.alpha().data.iter().all(|&a| test(a)),
+            Content::Clip(frames, _) => {
+                let all = |i: usize| frames[i].data.iter().all(|p| test(f32::from(p[3]) / 255.0));
+                par::map(frames.len(), all).into_iter().all(|fits| fits)
+            }
+        }
     }
 
     fn check(&self, path: &Path, side: usize) -> Result<()> {
-        let (width, height) = self.frames[0].size();
+        let (width, height) = self.at(0).size();
         if width.min(height) < side {
             return Err(Error::file(Kind::Unusable, path, format!("an exemplar of {width} × {height} pixels"))
                 .allowed(format!("at least {side} × {side}, one patch")));
         }
-        if self.frames.iter().all(|f| f.alpha().data.iter().all(|&a| a < UNSEEN)) {
+        if self.alphas_are(|a| a < UNSEEN) {
             return Err(Error::file(Kind::Unusable, path, "the exemplar is transparent all over")
                 .remedy("give its opacity with --exemplar-alpha: a grey picture, white where the fluid is"));
         }
@@ -74,57 +140,49 @@ impl Exemplar {
     }
 }
 
-fn shrunk(frame: Premultiplied, long_side: usize) -> Premultiplied {
-    let (width, height) = frame.size();
-    let ratio = long_side as f64 / width.max(height) as f64;
-    let of = |v: usize| ((v as f64 * ratio).round() as usize).max(1);
-    if ratio >= 1.0 { frame } else { frame.resized(of(width), of(height)) }
+/// A loop of `frames` frames out of a clip.
+fn plan(clip: &[Packed], frames: usize) -> Result<LoopPlan> {
+    let lumas = par::map(clip.len(), |i| clip[i].luma());
+    let thumbnails = par::map(lumas.len(), |i| thumbnail(&lumas[i]));
+    let step = |i: usize| {
+        let pairs = lumas[i].data.iter().zip(&lumas[i + 1].data);
+        pairs.map(|(a, b)| f64::from((a - b).abs())).sum::<f64>() / lumas[i].data.len() as f64
+    };
+    let steps = par::map(lumas.len().saturating_sub(1), step);
+    plan_loop(&Distances::between(&thumbnails), &isolated_steps(&steps), frames, FADE)
 }
 
-fn still_frame(path: &Path, alpha: Option<&Path>) -> Result<Premultiplied> {
-    let picture = read_picture(path)?;
-    match alpha {
-        Some(alpha) if alpha.as_os_str() == LUMINANCE => Ok(on_black(&picture)),
-        Some(alpha) => {
-            let plane = read_grey(alpha)?;
-            let size = (picture.rgb.width, picture.rgb.height);
-            if (plane.width, plane.height) != size {
-                let problem =
-                    format!("is {} × {} pixels, the exemplar {} × {}", plane.width, plane.height, size.0, size.1);
-                return Err(Error::file(Kind::Unusable, alpha, problem).remedy("make it the exemplar's size"));
-            }
-            Ok(Premultiplied::new(&picture.rgb.to_color(), &plane))
-        }
-        None => Ok(with_own_alpha(&picture)),
-    }
+/// Most fluid that a frame of the target has, in opaque pixels.
+fn fluid_of(target: &Target) -> Result<f64> {
+    let frames = target.frames();
+    let fluid = |k: usize| Ok(fluid(&target.alpha(k * (frames - 1) / (SAMPLES - 1))?));
+    let samples = if target.loops() { 1 } else { SAMPLES };
+    Ok(par::try_map(samples, fluid)?.into_iter().fold(0.0, f64::max))
 }
 
-fn with_own_alpha(Picture { rgb, alpha }: &Picture) -> Premultiplied {
-    let (width, height) = (rgb.width, rgb.height);
-    let alpha = alpha.as_ref().map_or_else(
-        || Plane::filled(width, height, 1.0),
-        |alpha| Plane::from_vec(width, height, alpha.iter().map(|&a| f32::from(a) / 255.0).collect()),
-    );
-    Premultiplied::new(&rgb.to_color(), &alpha)
+fn fluid(alpha: &Plane) -> f64 {
+    alpha.data.iter().map(|&a| f64::from(a)).sum()
 }
 
-/// Footage on black: opaque where its brightest channel is bright. What the camera saw is colour times opacity already.
-fn on_black(picture: &Picture) -> Premultiplied {
-    let [red, green, blue] = picture.rgb.to_color().planes;
-    let brightest = |i: usize| red.data[i].max(green.data[i]).max(blue.data[i]);
-    let alpha = (0..red.data.len()).map(|i| ((brightest(i) - DARK) / (BRIGHT - DARK)).clamp(0.0, 1.0));
-    let alpha = Plane::from_vec(red.width, red.height, alpha.collect());
-    Premultiplied::from_planes([red, green, blue, alpha])
+/// An exemplar shrunk until no frame has more than `most` opaque pixels: patches that are never used would be the ones with
+/// detail (LazyFluids, §6).
+fn fitted(frames: Frames, most: f64) -> Frames {
+    let has = match &frames {
+        Frames::Still(frame) => fluid(frame.alpha()),
+        Frames::Clip(clip) => par::map(clip.len(), |i| clip[i].fluid()).into_iter().fold(0.0, f64::max),
+    };
+    let (width, height) = frames.size();
+    let long = width.max(height);
+    let side = (long as f64 * (most / has.max(1.0)).sqrt()).round() as usize;
+    frames.shrunk(side.max(LEAST.min(long)))
 }
 
-/// Means of the fluid's colours around every pixel, not multiplied by alpha.
-pub fn surroundings(frame: &Premultiplied, sigma: f32) -> [Plane; 3] {
-    let small = |p: &Plane| crate::raster::filter::gaussian(p, sigma);
-    let weight = small(frame.alpha());
-    let [colours @ .., _] = &frame.planes;
-    colours.each_ref().map(|plane| {
-        let mut mean = small(plane);
-        mean.data.iter_mut().zip(&weight.data).for_each(|(m, w)| *m = if *w > 1e-4 { *m / w } else { 0.0 });
-        mean
-    })
+/// Mean luma of the fluid around every pixel.
+pub fn surroundings(frame: &Premultiplied, sigma: f32) -> Plane {
+    let [red, green, blue, alpha] = &frame.planes;
+    let luma = |i: usize| 0.2126 * red.data[i] + 0.7152 * green.data[i] + 0.0722 * blue.data[i];
+    let luma = Plane::from_vec(alpha.width, alpha.height, (0..alpha.data.len()).map(luma).collect());
+    let (mut mean, weight) = par::join(|| gaussian(&luma, sigma), || gaussian(alpha, sigma));
+    mean.data.iter_mut().zip(&weight.data).for_each(|(m, w)| *m = if *w > 1e-4 { *m / w } else { 0.0 });
+    mean
 }

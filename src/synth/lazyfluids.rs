@@ -2,7 +2,7 @@
 
 use super::chain::Recipe;
 use super::channels::{Channels, Content};
-use super::exemplar::Exemplar;
+use super::exemplar::{Exemplar, Wanted};
 use super::record::Timed;
 use super::sequence::{Run, animate};
 use super::{MethodEntry, Outcome, Sources, Synthesizer};
@@ -38,11 +38,13 @@ declare_options! {
         rotations: usize = 1, in 1, 4, "turns", "LazyFluids 2015, Fig. 8";
         /// Most rounds of search and vote on the finest level; the coarsest has twice as many.
         iterations: usize = 20, in 1, 1000, "rounds", "methods §2.2";
-        /// How much the picture's own fluid keeps its place: weight of the colours around a pixel.
-        place: f32 = 1.0, in 0, 10, "ratio", "ours";
+        /// How much the picture's own fluid keeps its place: weight of a pixel's position, in long sides of the picture, and
+        /// of the brightness around it.
+        place: f32 = 3.0, in 0, 20, "ratio", "ours";
         /// How far around.
         around: f32 = 12.0, in 1, 200, "pixels", "ours";
-        /// Long side of the exemplar; 0 is that of the working image. It is never enlarged.
+        /// Long side of the exemplar; 0 shrinks it until it has no more fluid than the target, so that all of it is used.
+        /// It is never enlarged.
         exemplar_size: usize = 0, in 0, 4096, "pixels", "ours";
         /// Frames of the fade that closes a loop.
         fade: usize = 16, in 0, 1000, "frames", "methods §2.4";
@@ -83,13 +85,13 @@ impl Options {
 
     /// The channels of Eq. 8 with the weights of Eq. 9; the picture's own fluid also keeps its place.
     fn channels(&self, own: bool) -> Channels {
-        use Content::{Around, Before, Blurred, Now};
+        use Content::{Around, Before, Blurred, Now, Place};
         let mut all: Vec<(Content, f32, Role)> = (0..3).map(|c| (Now(c), 1.0, Role::Synthesised)).collect();
         all.extend([(Now(3), 3.0, Role::Synthesised), (Blurred, self.eta, Role::Guide)]);
         all.extend((0..3).map(|c| (Before(c), self.lambda, Role::Modulated)));
         all.push((Before(3), 3.0 * self.lambda, Role::Modulated));
         if own && self.place > 0.0 {
-            all.extend((0..3).map(|c| (Around(c), self.place, Role::Guide)));
+            all.extend([Around, Place(0), Place(1)].map(|content| (content, self.place, Role::Guide)));
         }
         Channels::new(all, self.r / 2.0, self.around)
     }
@@ -119,7 +121,8 @@ impl Synthesizer for LazyFluids {
         let still = stage(observer, "read picture", 0, || scene.still(observer))?;
         let target = Target::of(scene, &still)?;
         target.note(observer);
-        let exemplar = Exemplar::of(scene, &still, options.exemplar_size, options.patch)?;
+        let wanted = Wanted { long_side: options.exemplar_size, turns: options.rotations, side: options.patch };
+        let exemplar = stage(observer, "exemplar", 0, || Exemplar::of(scene, &still, &target, &wanted, observer))?;
         let recipe = options.recipe(exemplar.own, scene.settings().output.seed);
         let run = Run { scene, still: &still, target: &target, exemplar: &exemplar, observer };
         animate(&run, &recipe, options.fade, sink)

@@ -8,10 +8,12 @@ pub mod chain;
 pub mod channels;
 pub mod database;
 pub mod exemplar;
+pub mod exemplar_files;
 pub mod footage;
 pub mod frames;
 pub mod gate;
 pub mod hybrid;
+pub mod kwatra;
 pub mod lazyfluids;
 pub mod legend;
 pub mod maps;
@@ -101,7 +103,7 @@ pub struct MethodEntry {
 }
 
 /// All methods.
-pub const REGISTRY: &[MethodEntry] = &[database::ENTRY, advect::ENTRY, hybrid::ENTRY, lazyfluids::ENTRY];
+pub const REGISTRY: &[MethodEntry] = &[database::ENTRY, advect::ENTRY, hybrid::ENTRY, lazyfluids::ENTRY, kwatra::ENTRY];
 
 /// The method of a scene that names none.
 pub const DEFAULT_METHOD: &str = "database";

@@ -37,6 +37,9 @@ pub struct RunRecord {
     pub notes: Vec<String>,
     /// Which piece went where, where the method assigns pieces.
     pub assignment: Option<AssignmentRecord>,
+    /// How frames were synthesised, where the method borrows from an exemplar.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub synthesis: Option<SynthesisRecord>,
     /// Speed at white of the speed map in the report, pixels of the picture per output frame: `max_speed` to feed it back.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_speed: Option<f32>,
@@ -49,6 +52,30 @@ pub struct Stage {
     pub name: String,
     /// Wall time in seconds.
     pub seconds: f64,
+}
+
+/// How frames were synthesised from an exemplar.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct SynthesisRecord {
+    /// Width and height of the exemplar as it was used, pixels.
+    pub exemplar_size: (usize, usize),
+    /// The frames in the order in which they were made; numbers below 0 lead to the first.
+    pub frames: Vec<FrameRecord>,
+}
+
+/// How a frame was synthesised.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct FrameRecord {
+    /// Its number.
+    pub frame: i64,
+    /// Energy per patch in the end, in units of squared values in [0, 1] at weight 1.
+    pub energy: f64,
+    /// Rounds of search and vote, coarse to fine.
+    pub rounds: Vec<usize>,
+    /// How often the exemplar's patches on the outline were used, at least and at most, where it has any.
+    pub outline_usage: Option<(u32, u32)>,
+    /// The same for those inside.
+    pub inside_usage: Option<(u32, u32)>,
 }
 
 /// Which piece went where.

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use super::Outcome;
 use super::chain::{Chain, Recipe, State};
 use super::exemplar::Exemplar;
-use super::record::{RunRecord, Timed};
+use super::record::{FrameRecord, RunRecord, SynthesisRecord, Timed};
 use crate::base::error::Result;
 use crate::base::observe::{self, Observer, Once, stage};
 use crate::flow::draw;
@@ -43,18 +43,21 @@ pub fn animate(run: &Run, recipe: &Recipe, fade: usize, sink: &mut dyn Sink) -> 
     let (output, wanted) = (scene.settings().output, scene.wanted_frames());
     let overlay = overlay(run)?;
     let once = Once::new(observer);
-    let chain = stage(observer, "exemplar", 0, || Chain::new(recipe, run.exemplar, target, &once))?;
+    let chain = stage(observer, "patches", 0, || Chain::new(recipe, run.exemplar, target, &once))?;
     let first = stage(observer, "first frame", 0, || chain.first())?;
     let frames = target.frames();
     let fade = if target.loops() { fade.min(frames / 2) } else { 0 };
     // What leads to the first frame is made backwards from it, so that the loop begins with the picture itself.
-    let lead = if wanted.end > frames - fade { lead(&chain, &first, fade, observer)? } else { VecDeque::new() };
+    let mut made = vec![first.record.clone()];
+    let lead =
+        if wanted.end > frames - fade { lead(&chain, &first, fade, &mut made, observer)? } else { VecDeque::new() };
     let mut state = first;
     stage(observer, "frames", wanted.len() as u64, || {
         for t in 0..wanted.end {
             observe::check(observer)?;
             if t > 0 {
                 state = chain.next(&state, false)?;
+                made.push(state.record.clone());
             }
             if t < wanted.start {
                 continue;
@@ -70,16 +73,23 @@ pub fn animate(run: &Run, recipe: &Recipe, fade: usize, sink: &mut dyn Sink) -> 
         }
         Ok(())
     })?;
-    outcome(run)
+    outcome(run, made)
 }
 
 /// The `count` frames before the first, in order.
-fn lead(chain: &Chain, first: &State, count: usize, observer: &Timed) -> Result<VecDeque<Premultiplied>> {
+fn lead(
+    chain: &Chain,
+    first: &State,
+    count: usize,
+    made: &mut Vec<FrameRecord>,
+    observer: &Timed,
+) -> Result<VecDeque<Premultiplied>> {
     stage(observer, "frames before the first", count as u64, || {
         let (mut state, mut lead) = (first.clone(), VecDeque::with_capacity(count));
         for _ in 0..count {
             observe::check(observer)?;
             state = chain.next(&state, true)?;
+            made.push(state.record.clone());
             lead.push_front(state.shown());
             observer.advance("frames before the first", 1);
         }
@@ -113,11 +123,12 @@ fn overlay(run: &Run) -> Result<Overlay> {
     Ok(Overlay { picture: still.picture.clone(), matte, behind })
 }
 
-fn outcome(run: &Run) -> Result<Outcome> {
+fn outcome(run: &Run, frames: Vec<FrameRecord>) -> Result<Outcome> {
     let (width, height) = run.still.map.working;
     let flow = run.target.flow(0)?;
     let field = Field { u: resize(&flow.u, width, height), v: resize(&flow.v, width, height) };
     let exemplar: Rgb8 = run.exemplar.at(0).on_black();
     let pictures = vec![("exemplar", exemplar), ("motion", draw::colour(&field, 0.0))];
-    Ok(Outcome { record: RunRecord::default(), pictures })
+    let synthesis = SynthesisRecord { exemplar_size: run.exemplar.at(0).size(), frames };
+    Ok(Outcome { record: RunRecord { synthesis: Some(synthesis), ..RunRecord::default() }, pictures })
 }
