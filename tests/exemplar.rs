@@ -156,7 +156,8 @@ fn a_clip_shorter_than_the_video_is_looped_and_black_is_transparent() {
     for method in ["lazyfluids", "kwatra"] {
         let (frames, outcome) = stage.run(&format!("method = '{method}'\n{scene}")).unwrap();
         assert_eq!(frames.len(), 30);
-        let apart = |a: &Rgb8, b: &Rgb8| -> u64 { a.data.iter().zip(&b.data).map(|(a, b)| u64::from(a.abs_diff(*b))).sum() };
+        let apart =
+            |a: &Rgb8, b: &Rgb8| -> u64 { a.data.iter().zip(&b.data).map(|(a, b)| u64::from(a.abs_diff(*b))).sum() };
         let steps: Vec<u64> = (0..30).map(|t| apart(&frames[t], &frames[(t + 1) % 30])).collect();
         let mut sorted = steps.clone();
         sorted.sort_unstable();

@@ -100,9 +100,7 @@ impl Exemplar {
                     None => a,
                 })
             }
-            Content::Clip(frames, None) => {
-                Cow::Owned(frames[t.clamp(0, frames.len() as i64 - 1) as usize].unpacked())
-            }
+            Content::Clip(frames, None) => Cow::Owned(frames[t.clamp(0, frames.len() as i64 - 1) as usize].unpacked()),
         }
     }
 

@@ -95,9 +95,9 @@ impl Frames {
         }
         match self {
             Self::Still(frame) => Self::Still(shrunk(frame, long_side)),
-            Self::Clip(frames) => Self::Clip(par::map(frames.len(), |i| {
-                Packed::new(&shrunk(frames[i].unpacked(), long_side))
-            })),
+            Self::Clip(frames) => {
+                Self::Clip(par::map(frames.len(), |i| Packed::new(&shrunk(frames[i].unpacked(), long_side))))
+            }
         }
     }
 }
@@ -151,8 +151,7 @@ impl Opacity<'_> {
             Self::Painted(path, plane) => {
                 if (plane.width, plane.height) != (rgb.width, rgb.height) {
                     let (found, size) = ((plane.width, plane.height), (rgb.width, rgb.height));
-                    let problem =
-                        format!("is {} × {} pixels, the exemplar {} × {}", found.0, found.1, size.0, size.1);
+                    let problem = format!("is {} × {} pixels, the exemplar {} × {}", found.0, found.1, size.0, size.1);
                     return Err(Error::file(Kind::Unusable, path, problem).remedy("make it the exemplar's size"));
                 }
                 Premultiplied::new(&colour, plane)
@@ -216,7 +215,8 @@ fn every(first: &[RawFrame], fps: f32, path: &Path, observer: &dyn Observer) -> 
     let every = rate.round().max(1.0);
     let speed = every / rate;
     if (speed - 1.0).abs() > SAME_SPEED {
-        observer.note(&format!("{}: plays {speed:.2} times as fast as filmed, at {fps} frames a second", path.display()));
+        observer
+            .note(&format!("{}: plays {speed:.2} times as fast as filmed, at {fps} frames a second", path.display()));
     }
     every as usize
 }
