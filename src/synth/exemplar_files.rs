@@ -189,7 +189,7 @@ fn frames(
         observe::check(observer)?;
         let Some(frame) = rest.next().map_or_else(|| clip.next_frame(), |frame| Ok(Some(frame)))? else { break };
         number += 1;
-        if (number - 1) % every != 0 {
+        if !usize::is_multiple_of(number - 1, every) {
             continue;
         }
         let own = match &frame.pixels {

@@ -55,7 +55,7 @@ pub struct Kwatra {
 impl Options {
     /// What a range alone cannot say.
     fn checked(self) -> Result<Self> {
-        if self.patch % 2 == 0 {
+        if self.patch.is_multiple_of(2) {
             return Err(Error::new(Kind::Usage, "kwatra.patch", format!("{} is out of range", self.patch))
                 .allowed("3, 5, 7 or 9"));
         }

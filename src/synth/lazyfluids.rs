@@ -76,7 +76,7 @@ impl Options {
                 .allowed(allowed))
         };
         match self {
-            Self { patch, .. } if patch % 2 == 0 => bad("patch", patch.to_string(), "3, 5, 7 or 9"),
+            Self { patch, .. } if patch.is_multiple_of(2) => bad("patch", patch.to_string(), "3, 5, 7 or 9"),
             Self { rotations, .. } if ![1, 4].contains(&rotations) => bad("rotations", rotations.to_string(), "1 or 4"),
             Self { l, u, .. } if l >= u => bad("l", l.to_string(), "less than lazyfluids.u"),
             _ => Ok(self),
