@@ -139,9 +139,7 @@ fn write_clip(path: &std::path::Path, frames: usize) {
                 let bright = (1.5 - (x as f32 - 24.0).hypot(y as f32 - 20.0) / 20.0).clamp(0.0, 1.0);
                 let pixel = whole.pixel(x, y + 60 - t);
                 let to = 3 * (y * 48 + x);
-                for c in 0..3 {
-                    frame.data[to + c] = (f32::from(pixel[c]) * bright) as u8;
-                }
+                frame.data[to..to + 3].copy_from_slice(&pixel.map(|v| (f32::from(v) * bright) as u8));
             }
         }
         write_png(&path.join(format!("{t:03}.png")), &frame).unwrap();

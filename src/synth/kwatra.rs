@@ -28,7 +28,7 @@ declare_options! {
         /// Side of a patch, odd.
         patch: usize = 5, in 3, 9, "pixels", "LazyFluids 2015, §5";
         /// Most rounds of search and vote on the finest level; the coarsest has twice as many.
-        iterations: usize = 12, in 1, 1000, "rounds", "methods §2.2";
+        iterations: usize = 20, in 1, 1000, "rounds", "methods §2.2";
         /// Long side of the exemplar; 0 shrinks it until it has no more fluid than the target. It is never enlarged.
         exemplar_size: usize = 0, in 0, 4096, "pixels", "ours";
         /// Frames of the fade that closes a loop.
