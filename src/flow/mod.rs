@@ -6,5 +6,6 @@ pub mod io;
 pub mod orientation;
 pub mod painted_strokes;
 pub mod radial_basis;
+pub mod rendered;
 pub mod strokes;
 pub mod tv_l1;

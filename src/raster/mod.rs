@@ -1,6 +1,7 @@
 //! Images in memory, the filters on them, and single pictures in files.
 
 pub mod components;
+pub mod exr_file;
 pub mod filter;
 pub mod image;
 pub mod picture_io;

@@ -45,7 +45,10 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
 /// # Errors
 /// Those of [`read_picture`].
 pub fn read_grey(path: &Path) -> Result<Plane> {
-    let image = decode(path)?;
+    Ok(grey(decode(path)?))
+}
+
+fn grey(image: DynamicImage) -> Plane {
     let (width, height) = (image.width() as usize, image.height() as usize);
     let unit = |v: u16| f32::from(v) / 65535.0;
     let data = match image {
@@ -56,7 +59,31 @@ pub fn read_grey(path: &Path) -> Result<Plane> {
             colour.into_rgba16().pixels().map(|p| grey(p.0.map(unit)).clamp(0.0, 1.0)).collect()
         }
     };
+    Plane::from_vec(width, height, data)
+}
+
+/// Reads opacity in [0, 1] with the precision of the file: the picture's own, or grey where it has none.
+///
+/// # Errors
+/// Those of [`read_picture`].
+pub fn read_opacity(path: &Path) -> Result<Plane> {
+    let image = decode(path)?;
+    if !image.color().has_alpha() {
+        return Ok(grey(image));
+    }
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    let data = image.into_rgba16().pixels().map(|p| f32::from(p[3]) / 65535.0).collect();
     Ok(Plane::from_vec(width, height, data))
+}
+
+/// Width, height and colours of a picture with 16 bits a channel and without opacity; none of any other picture.
+///
+/// # Errors
+/// Those of [`read_picture`].
+pub fn read_deep(path: &Path) -> Result<Option<(usize, usize, Vec<[u16; 3]>)>> {
+    let DynamicImage::ImageRgb16(image) = decode(path)? else { return Ok(None) };
+    let (width, height) = (image.width() as usize, image.height() as usize);
+    Ok(Some((width, height, image.pixels().map(|pixel| pixel.0).collect())))
 }
 
 /// Width and height of a picture as [`read_picture`] would give them, without decoding it.
@@ -235,6 +262,10 @@ mod tests {
         let deep = image::ImageBuffer::from_fn(3, 1, |x, _| image::Luma([x as u16 * 300 + 1]));
         DynamicImage::ImageLuma16(deep).save(&path).unwrap();
         assert_eq!(read_grey(&path).unwrap().data, [1, 301, 601].map(|v| v as f32 / 65535.0));
+        assert_eq!(read_opacity(&path).unwrap(), read_grey(&path).unwrap());
+        let paint = image::ImageBuffer::from_fn(2, 1, |x, _| image::Rgba([9, 0, 0, 20 + x as u8]));
+        DynamicImage::ImageRgba8(paint).save(&path).unwrap();
+        assert_eq!(read_opacity(&path).unwrap().data, [20.0 / 255.0, 21.0 / 255.0]);
         let paint = image::ImageBuffer::from_fn(2, 1, |x, _| image::Rgba([255, 255, 255, x as u8 * 255]));
         DynamicImage::ImageRgba8(paint).save(&path).unwrap();
         let grey = read_grey(&path).unwrap().data;

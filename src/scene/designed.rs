@@ -6,9 +6,13 @@ use super::file::{Output, SceneFile, TargetFile};
 use super::sequence::Sequence;
 use crate::base::error::{Error, Kind, Result};
 use crate::flow::field::Field;
-use crate::flow::io;
+use crate::flow::rendered::{self, Joins};
+use crate::raster::exr_file;
 use crate::raster::image::Plane;
-use crate::raster::picture_io::{picture_size, read_grey};
+use crate::raster::picture_io::{picture_size, read_opacity};
+
+/// Extensions of pictures of opacity and height.
+const PICTURES: [&str; 2] = ["png", "exr"];
 
 /// The folders of a designed target; their files are read when they are needed.
 #[derive(Debug, Clone, PartialEq)]
@@ -27,14 +31,14 @@ impl Designed {
     /// frames; a frame of another size.
     pub fn open(scene: &SceneFile, target: &TargetFile) -> Result<Self> {
         stands_alone(scene, target)?;
-        let flow = Sequence::list(&target.flow, &["flo"])?;
-        let alpha = Sequence::list(&target.alpha, &["png"])?;
-        let height = target.height.as_deref().map(|folder| Sequence::list(folder, &["png"])).transpose()?;
-        let size = io::size(&flow.files[0])?;
-        one_size(&flow, size, io::size)?;
+        let flow = Sequence::list(&target.flow, &rendered::EXTENSIONS)?;
+        let alpha = Sequence::list(&target.alpha, &PICTURES)?;
+        let height = target.height.as_deref().map(|folder| Sequence::list(folder, &PICTURES)).transpose()?;
+        let size = rendered::size(&flow.files[0])?;
+        one_size(&flow, size, rendered::size)?;
         for grey in [Some(&alpha), height.as_ref()].into_iter().flatten() {
             same_numbers(&flow, grey)?;
-            one_size(grey, size, picture_size)?;
+            one_size(grey, size, opacity_size)?;
         }
         Ok(Self { flow, alpha, size })
     }
@@ -66,11 +70,17 @@ impl Designed {
     /// # Errors
     /// An unreadable file; a vector that is unknown, or longer than the picture.
     pub fn flow(&self, t: usize) -> Result<Field> {
-        // A file holds where what is there goes until the next frame; into the first frame nothing leads.
-        let path = &self.flow.files[t.saturating_sub(1)];
-        let field = io::read(path)?;
-        within_picture(&field, path)?;
-        Ok(field)
+        let path = &self.flow.files[t];
+        let here = rendered::read(path)?;
+        within_picture(&here.field, path)?;
+        if here.joins == Joins::Previous || t == 0 {
+            return Ok(here.field);
+        }
+        // Where what was there in the frame before went.
+        let path = &self.flow.files[t - 1];
+        let before = rendered::read(path)?;
+        within_picture(&before.field, path)?;
+        Ok(before.field)
     }
 
     /// Opacity of frame `t` in [0, 1], at the target's own size.
@@ -78,7 +88,8 @@ impl Designed {
     /// # Errors
     /// An unreadable file.
     pub fn alpha(&self, t: usize) -> Result<Plane> {
-        read_grey(&self.alpha.files[t])
+        let path = &self.alpha.files[t];
+        if is_exr(path) { exr_alpha(path) } else { read_opacity(path) }
     }
 
     /// The error of a target that shows nothing.
@@ -138,17 +149,46 @@ fn one_size(frames: &Sequence, size: (usize, usize), of: impl Fn(&Path) -> Resul
     Ok(())
 }
 
-/// Refuses motion that nobody can mean: unknown, or from beyond the picture.
+fn is_exr(path: &Path) -> bool {
+    path.extension().is_some_and(|extension| extension.eq_ignore_ascii_case("exr"))
+}
+
+fn opacity_size(path: &Path) -> Result<(usize, usize)> {
+    if is_exr(path) { exr_file::size(path) } else { picture_size(path) }
+}
+
+/// Opacity of an OpenEXR picture: the channel A of its only or its combined layer, else the only channel Y.
+fn exr_alpha(path: &Path) -> Result<Plane> {
+    let channels = exr_file::read(path, |name| name.ends_with('A') || name == "Y")?;
+    let mut found = channels.groups(["A"]);
+    if found.len() > 1 {
+        found.retain(|(layer, _)| layer.is_empty() || layer.ends_with("Combined."));
+    }
+    found.extend(if found.is_empty() { channels.groups(["Y"]) } else { Vec::new() });
+    let &[(_, [plane])] = &found[..] else {
+        return Err(Error::file(Kind::Data, path, "has no opacity, or several")
+            .allowed("one channel A, one of a Combined layer, or Y alone")
+            .remedy("render with a transparent film, RGBA"));
+    };
+    if let Some(at) = plane.data.iter().position(|a| !a.is_finite()) {
+        let place = format!("({}, {})", at % plane.width, at / plane.width);
+        return Err(Error::file(Kind::Data, path, format!("the opacity at pixel {place} is not a number")));
+    }
+    // A renderer's filter overshoots by a little.
+    Ok(plane.map(|a| a.clamp(0.0, 1.0)))
+}
+
+/// Refuses motion that nobody can mean: from beyond the picture.
 fn within_picture(field: &Field, path: &Path) -> Result<()> {
     let (width, height) = (field.width() as f32, field.height() as f32);
     let vectors = field.u.data.iter().zip(&field.v.data);
-    let Some(at) = vectors.into_iter().position(|(u, v)| !(u.abs() <= width && v.abs() <= height)) else {
+    let Some(at) = vectors.into_iter().position(|(u, v)| u.abs() > width || v.abs() > height) else {
         return Ok(());
     };
     let (u, v) = (field.u.data[at], field.v.data[at]);
     let place = format!("({}, {})", at % field.width(), at / field.width());
     let problem = format!("the motion at pixel {place} is ({u}, {v}) pixels per frame, farther than the picture");
     Err(Error::file(Kind::Data, path, problem)
-        .allowed(format!("up to {width} across and {height} down; every pixel known"))
-        .remedy("write 0 where nothing moves, and pixels per frame, not shares of the picture or seconds"))
+        .allowed(format!("up to {width} across and {height} down"))
+        .remedy("write pixels per frame, and 0 where nothing moves"))
 }

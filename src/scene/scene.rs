@@ -13,22 +13,27 @@ use crate::flow::strokes::MAX_SPEED;
 use crate::raster::image::{Color, Plane, Rgb8};
 use crate::raster::picture_io::{picture_size, read_grey, read_picture};
 use crate::raster::resample::{resize, resize_channel, resize_rgb8};
+use crate::simulate;
 
 /// Fewest frames of a loop.
 pub const MIN_FRAMES: usize = 2;
 /// Name of the scene file within a scene's folder.
 pub const SCENE_FILE: &str = "scene.toml";
 
-/// Reads what a person points at: a scene file, a folder with a `scene.toml`, or a picture. Paths in the result no
-/// longer depend on the scene file's place.
+/// Reads what a person points at: a scene file, a folder with a `scene.toml`, a folder of a designed target (`flow` and
+/// `alpha`, as `enliven simulate` makes; its frames per second are those of the simulation), or a picture. Paths in the
+/// result no longer depend on the scene file's place.
 ///
 /// # Errors
 /// A missing or unreadable file, or those of [`file::parse`].
 pub fn open(path: &Path) -> Result<SceneFile> {
+    if let Some(scene) = target_folder(path)? {
+        return Ok(scene);
+    }
     let path = file_of(path);
     if !path.exists() {
         return Err(Error::file(Kind::Io, &path, "there is no such file")
-            .allowed("a picture, a scene file, or a folder with a scene.toml")
+            .allowed("a picture, a scene file, or a folder with a scene.toml or with flow and alpha")
             .remedy("check the name"));
     }
     if path.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
@@ -39,6 +44,22 @@ pub fn open(path: &Path) -> Result<SceneFile> {
     let folder = path.parent().unwrap_or(Path::new("."));
     for_each_path(&mut scene, |p| *p = if p.as_os_str().is_empty() { PathBuf::new() } else { folder.join(&*p) });
     Ok(scene)
+}
+
+/// The scene of a folder that holds nothing but a target.
+fn target_folder(folder: &Path) -> Result<Option<SceneFile>> {
+    let [flow, alpha, height] = ["flow", "alpha", "height"].map(|name| folder.join(name));
+    if folder.join(SCENE_FILE).exists() || !flow.is_dir() || !alpha.is_dir() {
+        return Ok(None);
+    }
+    let target = TargetFile { flow, alpha, height: Some(height).filter(|height| height.is_dir()) };
+    let mut scene = SceneFile { target: Some(target), ..SceneFile::default() };
+    let simulation = folder.join("sim.toml");
+    if simulation.exists() {
+        let text = std::fs::read_to_string(&simulation).map_err(|e| Error::io(&simulation, "read", e))?;
+        scene.output.fps = simulate::file::parse(&text, &simulation)?.fps;
+    }
+    Ok(Some(scene))
 }
 
 /// The file that a person points at: a scene's folder has its `scene.toml`.

@@ -262,7 +262,11 @@ mod tests {
             let field = Field { u: Plane::filled(width, 32, value), v: Plane::zeros(width, 32) };
             crate::flow::io::write(&folder.path().join(format!("flow/{number:04}.flo")), &field).unwrap();
         };
-        for (value, words) in [(f32::NAN, "not a number"), (f32::INFINITY, "(inf, 0)"), (-65.0, "farther than")] {
+        for (value, words) in [
+            (f32::NAN, "not a number"),
+            (f32::INFINITY, "(0, 0) is not a number, or not known"),
+            (-65.0, "farther than"),
+        ] {
             flow(9, value, 64);
             refuse(&["0009.flo", words]);
         }
@@ -276,6 +280,37 @@ mod tests {
         refuse(&["alpha", "all black in every frame"]);
         std::fs::remove_file(folder.path().join("alpha/10.png")).unwrap();
         refuse(&["alpha", "7 to 9", "7 to 10"]);
+    }
+
+    #[test]
+    fn a_folder_of_a_simulation_is_a_scene() {
+        let folder = tempfile::tempdir().unwrap();
+        designed(folder.path());
+        std::fs::write(folder.path().join("sim.toml"), "fps = 12.5").unwrap();
+        let file = super::super::scene::open(folder.path()).unwrap();
+        assert_eq!((file.output.fps, file.loops()), (12.5, false));
+        assert_eq!(of(file).unwrap().frames(), 4);
+        std::fs::write(folder.path().join("scene.toml"), "picture = 'a.png'").unwrap();
+        assert!(super::super::scene::open(folder.path()).unwrap().target.is_none());
+    }
+
+    #[test]
+    fn rendered_frames_of_one_folder_are_motion_and_opacity() {
+        use exr::prelude::{AnyChannel, AnyChannels, FlatSamples, Image, WritableImage};
+        let folder = tempfile::tempdir().unwrap();
+        for t in 0..3 {
+            let names = ["Combined.A", "Vector.W", "Vector.X", "Vector.Y", "Vector.Z"];
+            let plane = |(name, value): (&str, f32)| AnyChannel::new(name, FlatSamples::F32(vec![value; 64 * 32]));
+            let list = names.into_iter().zip([1.01, 0.0, -(t as f32), 2.0, 0.0]).map(plane).collect();
+            let path = folder.path().join(format!("{:04}.exr", t + 1));
+            Image::from_channels((64, 32), AnyChannels::sort(list)).write().to_file(path).unwrap();
+        }
+        let target = TargetFile { flow: folder.path().into(), alpha: folder.path().into(), height: None };
+        let target = of(SceneFile { target: Some(target), ..SceneFile::default() }).unwrap();
+        assert_eq!((target.alpha(1).unwrap().at(3, 3), target.frames()), (1.0, 3));
+        // Each frame says where it came from.
+        let flow = target.flow(2).unwrap();
+        assert_eq!((flow.u.at(9, 9), flow.v.at(9, 9)), (2.0, 2.0));
     }
 
     #[test]
