@@ -11,6 +11,7 @@ use enliven::flow::io;
 use enliven::raster::image::Plane;
 use enliven::raster::picture_io::{read_grey, write_grey_png};
 use enliven::simulate::file::parse;
+use enliven::simulate::fluid::{Fluid, Frame};
 use enliven::simulate::output::simulate;
 use enliven::simulate::setup::Setup;
 
@@ -45,7 +46,7 @@ fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
 #[test]
 fn the_fixtures_are_sound() {
     let fixtures = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/simulate");
-    for name in ["plume", "fireball", "river"] {
+    for name in ["plume", "fireball", "river", "fire"] {
         Setup::open(&fixtures.join(name).with_extension("toml")).unwrap();
     }
 }
@@ -134,6 +135,23 @@ fn mistakes_are_named() {
         ("size = [48]".into(), &["line 1"]),
         ("size = [4, 40]".into(), &["size: 4 × 40 pixels", "16 to 4096"]),
         ("size = [4096, 4096]".into(), &["size", "up to 4194304 pixels"]),
+        ("frames = 100001".into(), &["frames: 100001 is out of range"]),
+        ("seed = -1".into(), &["line 1", "whole number"]),
+        ("run_in = 100001".into(), &["run_in: 100001 is out of range", "0 to 100000"]),
+        ("run_in = -5".into(), &["line 1"]),
+        ("vorticity = nan".into(), &["vorticity: NaN"]),
+        ("[gas]\nbuoyancy = nan".into(), &["gas.buoyancy", "out of range"]),
+        ("[gas]\nturbulence = 3".into(), &["gas.turbulence", "out of range"]),
+        ("[gas]\neddies = 0".into(), &["gas.eddies", "out of range"]),
+        ("[gas]\nopacity = inf".into(), &["gas.opacity", "out of range"]),
+        ("mode = 'water'\n[water]\ngravity = nan".into(), &["water.gravity", "out of range"]),
+        (disc("rate = nan"), &["emitter 1: rate: NaN"]),
+        (disc("velocity = [nan, 0]"), &["emitter 1: velocity: NaN"]),
+        (disc("soft = -1"), &["emitter 1: soft: -1"]),
+        (disc("soft = nan"), &["emitter 1: soft: NaN"]),
+        (emitter("mask = 'rock.png'\nsoft = 3"), &["emitter 1: soft", "blur the mask"]),
+        (emitter("disc = [1e30, 20, 4]"), &["emitter 1: lies outside the picture"]),
+        ("[[obstacle]]\ndisc = [9, 9, inf]".into(), &["obstacle 1: disc"]),
         ("frames = 0".into(), &["frames: 0 is out of range", "1 to 100000"]),
         ("steps = 100".into(), &["steps: 100", "1 to 64"]),
         ("fps = 0".into(), &["fps: 0", "1 to 240"]),
@@ -166,6 +184,40 @@ fn mistakes_are_named() {
         assert!(error.contains("sim.toml") || error.contains(".png"), "{error}");
         drop(folder);
     }
+}
+
+/// Frames of a simulation, from its text.
+fn frames(text: &str, count: usize) -> Vec<Frame> {
+    let setup = Setup::new(parse(text, Path::new("sim.toml")).unwrap(), Path::new("")).unwrap();
+    let mut fluid = Fluid::new(&setup);
+    fluid.run_in(|| Ok(())).unwrap();
+    let frames = (0..count).map(|_| fluid.next_frame().unwrap()).collect();
+    assert!(fluid.tally.divergence <= 1e-4, "{:?}", fluid.tally);
+    frames
+}
+
+const PLUME: &str = "[sides]\ntop = 'open'\n[[emitter]]\ndisc = [32, 70, 8]\nsoft = 6\nrate = 0.2\ntemperature = 1\n";
+
+#[test]
+fn a_run_in_is_the_beginning_that_is_left_out() {
+    let whole = frames(&format!("size = [64, 80]\n{PLUME}"), 12);
+    let part = frames(&format!("size = [64, 80]\nrun_in = 9\n{PLUME}"), 3);
+    assert!(part[..] == whole[9..]);
+    assert!(whole[0].alpha.at(32, 70) > 0.1 && whole[0].alpha.at(32, 30) == 0.0);
+}
+
+#[test]
+fn turbulence_ends_symmetry_and_only_where_there_is_smoke() {
+    let skew = |frame: &Frame| {
+        let alpha = &frame.alpha;
+        let pair = |i: usize| (alpha.data[i] - alpha.at(63 - i % 64, i / 64)).abs();
+        (0..alpha.data.len()).map(pair).fold(0.0, f32::max)
+    };
+    let last = |gas: &str| frames(&format!("size = [64, 80]\n[gas]\nopacity = 2\n{gas}\n{PLUME}"), 30).pop().unwrap();
+    let (calm, stirred) = (last(""), last("turbulence = 0.3"));
+    assert!(skew(&calm) < 1e-3 && skew(&stirred) > 0.2, "{} {}", skew(&calm), skew(&stirred));
+    let clear = frames("size = [64, 80]\n[gas]\nturbulence = 1\n", 5).pop().unwrap();
+    assert!(clear.flow.magnitude().data.iter().all(|&speed| speed == 0.0));
 }
 
 #[test]

@@ -9,10 +9,11 @@ use crate::base::options::{Table, declare_options, explain, refuse_unknown};
 use crate::simulate::grid::Sides;
 
 /// Keys outside the tables.
-const KEYS: [&str; 14] = [
+const KEYS: [&str; 15] = [
     "mode",
     "size",
     "frames",
+    "run_in",
     "fps",
     "steps",
     "seed",
@@ -26,7 +27,8 @@ const KEYS: [&str; 14] = [
     "obstacle",
 ];
 const SIDES_KEYS: [&str; 4] = ["left", "right", "top", "bottom"];
-const EMITTER_KEYS: [&str; 9] = ["disc", "box", "mask", "rate", "temperature", "velocity", "flicker", "from", "until"];
+const EMITTER_KEYS: [&str; 10] =
+    ["disc", "box", "mask", "soft", "rate", "temperature", "velocity", "flicker", "from", "until"];
 const OBSTACLE_KEYS: [&str; 3] = ["disc", "box", "mask"];
 
 /// What is simulated.
@@ -50,6 +52,8 @@ pub struct SimFile {
     pub size: [usize; 2],
     /// Number of frames.
     pub frames: usize,
+    /// Frames that are simulated before the first one and not written. What starts at frame 0 is at work in them too.
+    pub run_in: usize,
     /// Frames per second of the preview.
     pub fps: f32,
     /// Steps of the simulation a frame.
@@ -84,6 +88,7 @@ impl Default for SimFile {
             mode: Mode::Gas,
             size: [256, 256],
             frames: 120,
+            run_in: 0,
             fps: 25.0,
             steps: 1,
             seed: 1,
@@ -121,6 +126,8 @@ pub struct EmitterFile {
     /// Where.
     #[serde(flatten)]
     pub shape: Shape,
+    /// Width of the shape's soft edge, pixels.
+    pub soft: f32,
     /// Density (gas) or depth in pixels (water) that comes in per frame.
     pub rate: f32,
     /// Temperature that the gas is given there.
@@ -148,6 +155,10 @@ declare_options! {
         cooling: f32 = 0.01, in 0.0, 1.0, "1 / frame", "";
         /// Share of the density that is lost in a frame.
         fading: f32 = 0.0, in 0.0, 1.0, "1 / frame", "Stam 1999, Eq. 4";
+        /// How hard eddies of noise stir the gas where it is opaque; without it what begins symmetric stays so for long.
+        turbulence: f32 = 0.0, in 0.0, 2.0, "pixels / frame²", "Bridson, Hourihan & Nordenstam 2007, §2";
+        /// Size of those eddies.
+        eddies: f32 = 16.0, in 2.0, 256.0, "pixels", "";
         /// How dense looks opaque: alpha is 1 - exp(-opacity × density).
         opacity: f32 = 2.0, in 0.01, 100.0, "1 / density", "";
     }

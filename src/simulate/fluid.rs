@@ -45,19 +45,32 @@ enum State<'s> {
 pub struct Fluid<'s> {
     setup: &'s Setup,
     state: State<'s>,
-    frame: usize,
+    /// Number of the next frame; below 0 in the run-in.
+    frame: i64,
     /// What it came to so far.
     pub tally: Tally,
 }
 
 impl<'s> Fluid<'s> {
-    /// The state before the first frame.
+    /// The state before the first frame and before the run-in.
     pub fn new(setup: &'s Setup) -> Self {
         let state = match setup.file.mode {
             Mode::Gas => State::Gas(Smoke::new(setup)),
             Mode::Water => State::Water(Shallow::new(setup)),
         };
-        Self { setup, state, frame: 0, tally: Tally::default() }
+        Self { setup, state, frame: -(setup.file.run_in as i64), tally: Tally::default() }
+    }
+
+    /// Simulates up to the first frame.
+    ///
+    /// # Errors
+    /// Those of [`Fluid::next_frame`], or of `every`, which is called before every frame of the run-in.
+    pub fn run_in(&mut self, mut every: impl FnMut() -> Result<()>) -> Result<()> {
+        while self.frame < 0 {
+            every()?;
+            self.next_frame()?;
+        }
+        Ok(())
     }
 
     /// The next frame, and all the steps to the one after it.
@@ -125,7 +138,8 @@ impl<'s> Fluid<'s> {
         let (alpha, height, preview) = match &self.state {
             State::Gas(gas) => (gas.alpha(), None, preview::gas(&gas.alpha(), &gas.temperature, solid)),
             State::Water(water) => {
-                (water.alpha(), Some(water.depth.clone()), preview::water(&water.depth, self.setup.water.depth, solid))
+                let preview = preview::water(&water.depth, self.setup.water.depth, &water.foam, solid);
+                (water.alpha(), Some(water.depth.clone()), preview)
             }
         };
         Frame { flow: Field::zeros(alpha.width, alpha.height), alpha, height, preview }

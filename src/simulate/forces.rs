@@ -2,6 +2,12 @@
 
 use crate::raster::image::Plane;
 use crate::simulate::grid::{Domain, Velocity};
+use crate::simulate::noise::smooth_noise;
+
+/// How long an eddy of noise lasts, frames.
+const EDDY_LIFE: f32 = 10.0;
+/// Less opaque than this, gas is not stirred.
+const CLEAR: f32 = 0.01;
 
 /// Pulls the velocity towards `wind`, pixels per frame, by the share `pull` of the difference.
 pub(super) fn blow(domain: &Domain, velocity: &mut Velocity, wind: [f32; 2], pull: f32) {
@@ -34,15 +40,7 @@ pub(super) fn confine(domain: &Domain, velocity: &mut Velocity, strength: f32, s
         return;
     }
     let (width, height) = (domain.width, domain.height);
-    let field = velocity.centred();
-    let vorticity = Plane::from_fn(width, height, |x, y| {
-        if domain.solid[y * width + x] {
-            return 0.0;
-        }
-        let (l, r) = (x.max(1) - 1, (x + 1).min(width - 1));
-        let (t, b) = (y.max(1) - 1, (y + 1).min(height - 1));
-        0.5 * ((field.v.at(r, y) - field.v.at(l, y)) - (field.u.at(x, b) - field.u.at(x, t)))
-    });
+    let vorticity = vorticity(domain, velocity);
     let (mut fx, mut fy) = (Plane::zeros(width, height), Plane::zeros(width, height));
     for y in 1..height.max(2) - 1 {
         for x in 1..width.max(2) - 1 {
@@ -51,6 +49,52 @@ pub(super) fn confine(domain: &Domain, velocity: &mut Velocity, strength: f32, s
             let scale = strength * step * vorticity.at(x, y) / (gx * gx + gy * gy).sqrt().max(1e-6);
             *fx.at_mut(x, y) = gy * scale;
             *fy.at_mut(x, y) = -gx * scale;
+        }
+    }
+    push(domain, velocity, &fx, &fy);
+}
+
+/// How fast the fluid turns at the centre of each pixel, 1 / frame; 0 in obstacles.
+pub(super) fn vorticity(domain: &Domain, velocity: &Velocity) -> Plane {
+    let (width, height) = (domain.width, domain.height);
+    let field = velocity.centred();
+    Plane::from_fn(width, height, |x, y| {
+        if domain.solid[y * width + x] {
+            return 0.0;
+        }
+        let (l, r) = (x.max(1) - 1, (x + 1).min(width - 1));
+        let (t, b) = (y.max(1) - 1, (y + 1).min(height - 1));
+        0.5 * ((field.v.at(r, y) - field.v.at(l, y)) - (field.u.at(x, b) - field.u.at(x, t)))
+    })
+}
+
+/// Eddies of noise.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Eddies {
+    /// Their size, pixels.
+    pub size: f32,
+    /// Their acceleration times the time, pixels per frame.
+    pub strength: f32,
+    /// Where in time.
+    pub frame: f32,
+    /// Which noise.
+    pub seed: u64,
+}
+
+/// Stirs the gas, as much as it is opaque: the force is the curl of a smooth noise, so it turns and does not press
+/// (Bridson, Hourihan & Nordenstam 2007, §2).
+pub(super) fn stir(domain: &Domain, velocity: &mut Velocity, opacity: &Plane, eddies: &Eddies) {
+    let (width, height) = (domain.width, domain.height);
+    let (mut fx, mut fy) = (Plane::zeros(width, height), Plane::zeros(width, height));
+    let potential =
+        |x: f32, y: f32| smooth_noise(eddies.seed, [x / eddies.size, y / eddies.size, eddies.frame / EDDY_LIFE]);
+    let rows = fx.data.chunks_exact_mut(width).zip(fy.data.chunks_exact_mut(width)).enumerate();
+    for (y, (fx, fy)) in rows {
+        for x in (0..width).filter(|&x| opacity.at(x, y) > CLEAR) {
+            let gain = eddies.strength * eddies.size * opacity.at(x, y);
+            let (x0, y0) = (x as f32, y as f32);
+            fx[x] = gain * (potential(x0, y0 + 0.5) - potential(x0, y0 - 0.5));
+            fy[x] = gain * (potential(x0 - 0.5, y0) - potential(x0 + 0.5, y0));
         }
     }
     push(domain, velocity, &fx, &fy);

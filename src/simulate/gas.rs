@@ -3,7 +3,7 @@
 use crate::base::error::Result;
 use crate::raster::image::Plane;
 use crate::simulate::advect::advect;
-use crate::simulate::forces::{blow, confine, lift};
+use crate::simulate::forces::{Eddies, blow, confine, lift, stir};
 use crate::simulate::grid::Velocity;
 use crate::simulate::project::{Projected, Projection};
 use crate::simulate::setup::{Emitter, Setup};
@@ -67,6 +67,11 @@ impl<'s> Smoke<'s> {
         lift(domain, &mut self.velocity, &Plane::from_vec(domain.width, domain.height, gain));
         blow(domain, &mut self.velocity, file.wind, 1.0 - (1.0 - file.drag).powf(step));
         confine(domain, &mut self.velocity, file.vorticity, step);
+        if gas.turbulence > 0.0 {
+            let eddies = Eddies { size: gas.eddies, strength: step * gas.turbulence, frame, seed: file.seed };
+            let opacity = self.alpha();
+            stir(domain, &mut self.velocity, &opacity, &eddies);
+        }
         self.setup.emitters.iter().filter(|e| e.works(frame)).for_each(|e| steer(e, &mut self.velocity));
         self.projection.project(domain, &mut self.velocity)
     }

@@ -15,6 +15,7 @@ mod forces;
 pub mod gas;
 pub mod grid;
 mod multigrid;
+mod noise;
 pub mod output;
 mod preview;
 pub mod project;

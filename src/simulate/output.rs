@@ -69,7 +69,15 @@ pub fn simulate(setup: &Setup, output: &Path, observer: &dyn Observer) -> Result
     let folder = AtomicFolder::create(output, is_ours)?;
     folder.write("sim.toml", format(&with_masks(&setup.file, &folder)?)?.as_bytes())?;
     let mut writer = Writer { setup, folder: &folder, preview: preview(setup, &folder)?, clipped: 0 };
-    let state = Mutex::new((Fluid::new(setup), 0.0));
+    let mut fluid = Fluid::new(setup);
+    let start = Instant::now();
+    stage(observer, "run-in", setup.file.run_in as u64, || {
+        fluid.run_in(|| {
+            observer.advance("run-in", 1);
+            check(observer)
+        })
+    })?;
+    let state = Mutex::new((fluid, start.elapsed().as_secs_f64()));
     let frames = setup.file.frames;
     let make = |_| {
         check(observer)?;

@@ -2,25 +2,29 @@
 
 use crate::raster::image::{Plane, Rgb8};
 
-/// Temperature from which on smoke glows; a degree more is all flame.
+/// Temperature from which on smoke glows, and what each further colour of [`FLAMES`] needs more.
 const GLOWING: f32 = 0.6;
+const HOTTER: f32 = 0.35;
 const ROCK: [f32; 3] = [0.36, 0.32, 0.28];
 const NIGHT: [f32; 3] = [0.09, 0.10, 0.13];
 const SMOKE: [f32; 3] = [0.84, 0.85, 0.87];
-const FLAME: [f32; 3] = [1.0, 0.55, 0.12];
+/// Colours of flames, from those that just glow to the hottest.
+const FLAMES: [[f32; 3]; 4] = [[0.45, 0.10, 0.05], [0.95, 0.36, 0.06], [1.0, 0.68, 0.18], [1.0, 0.93, 0.66]];
 const DEEP: [f32; 3] = [0.10, 0.33, 0.42];
 const CREST: [f32; 3] = [0.85, 0.94, 0.95];
+const FOAM: [f32; 3] = [0.96, 0.98, 0.98];
 
-/// Smoke before the night, orange where it is hot.
+/// Smoke before the night; flames where it is hot, the redder the cooler.
 pub(super) fn gas(alpha: &Plane, temperature: &Plane, solid: &[bool]) -> Rgb8 {
     paint(alpha, solid, |x, y| {
-        let hot = (temperature.at(x, y) - GLOWING).clamp(0.0, 1.0);
-        mix(NIGHT, mix(SMOKE, FLAME, hot), alpha.at(x, y))
+        let hot = (temperature.at(x, y) - GLOWING) / HOTTER;
+        let step = |n: usize, colour| mix(colour, FLAMES[n], hot - n as f32);
+        mix(NIGHT, (0..FLAMES.len()).fold(SMOKE, |colour, n| step(n, colour)), alpha.at(x, y))
     })
 }
 
-/// Water lit from the upper left, brighter where it is higher than `rest`.
-pub(super) fn water(depth: &Plane, rest: f32, solid: &[bool]) -> Rgb8 {
+/// Water lit from the upper left, brighter where it is higher than `rest`, white where it foams.
+pub(super) fn water(depth: &Plane, rest: f32, foam: &Plane, solid: &[bool]) -> Rgb8 {
     paint(depth, solid, |x, y| {
         let (x0, y0) = (x as isize, y as isize);
         let here = depth.at(x, y);
@@ -30,7 +34,8 @@ pub(super) fn water(depth: &Plane, rest: f32, solid: &[bool]) -> Rgb8 {
             d => d,
         };
         let slope = (near(1, 0) - near(-1, 0)) + (near(0, 1) - near(0, -1));
-        mix(DEEP, CREST, 0.3 + 1.5 * (here / rest - 1.0) + 4.0 * slope / rest)
+        let clear = mix(DEEP, CREST, 0.3 + 1.5 * (here / rest - 1.0) + 4.0 * slope / rest);
+        mix(clear, FOAM, foam.at(x, y))
     })
 }
 

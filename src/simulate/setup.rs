@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use crate::base::error::{Error, Kind, Result};
-use crate::base::rng::{hash, unit};
+use crate::base::rng::hash;
 use crate::raster::image::Plane;
 use crate::raster::picture_io::read_grey;
 use crate::simulate::file::{EmitterFile, Gas, Mode, Shape, SimFile, Water, parse, wrong};
 use crate::simulate::grid::Domain;
+use crate::simulate::noise::{smooth, smooth_noise};
 
 /// Shortest and longest side of a simulation, pixels.
 pub const SIDE: std::ops::RangeInclusive<usize> = 16..=4096;
@@ -74,7 +75,7 @@ impl Setup {
         let [width, height] = file.size;
         let mut solid = vec![false; width * height];
         for (shape, n) in file.obstacles.iter_mut().zip(1..) {
-            let cover = covered(shape, (width, height), folder, &format!("obstacle {n}"))?;
+            let cover = covered(shape, 0.0, (width, height), folder, &format!("obstacle {n}"))?;
             solid.iter_mut().zip(&cover.data).for_each(|(s, c)| *s |= *c >= 0.5);
         }
         if solid.iter().all(|&s| s) {
@@ -90,9 +91,10 @@ impl Setup {
 }
 
 impl Emitter {
-    /// Whether it is at work in `frame`.
+    /// Whether it is at work in `frame`, below 0 before the first frame.
     pub fn works(&self, frame: f32) -> bool {
-        frame >= self.file.from as f32 && self.file.until.is_none_or(|until| frame < until as f32)
+        (self.file.from == 0 || frame >= self.file.from as f32)
+            && self.file.until.is_none_or(|until| frame < until as f32)
     }
 
     /// How strongly it works at a pixel and time, 0 to 2 on average 1: noise that changes smoothly.
@@ -100,27 +102,9 @@ impl Emitter {
         if self.file.flicker == 0.0 {
             return 1.0;
         }
-        // Two lattices at an angle to the pixels and to each other hide each other's lines.
-        let (x, y, t) = (x as f32 / PATCH.0, y as f32 / PATCH.0, frame / PATCH.1);
-        let noise = 0.5 * self.noise([0.8 * x + 0.6 * y, 0.8 * y - 0.6 * x, t], 0)
-            + 0.5 * self.noise([0.28 * x - 0.96 * y, 0.28 * y + 0.96 * x, t + 0.5], 1);
+        let noise = smooth_noise(self.seed, [x as f32 / PATCH.0, y as f32 / PATCH.0, frame / PATCH.1]);
         1.0 + self.file.flicker * (2.0 * noise - 1.0)
     }
-
-    /// Values in [0, 1) at whole places, smooth between them.
-    fn noise(&self, at: [f32; 3], layer: u64) -> f32 {
-        let between = at.map(|v| smooth(v - v.floor()));
-        let corner = |i: u64| {
-            let [x, y, t] = std::array::from_fn(|k| (at[k].floor() as i64 + (i >> k & 1) as i64) as u64);
-            let weights = between.iter().enumerate().map(|(k, w)| if i >> k & 1 == 1 { *w } else { 1.0 - w });
-            weights.product::<f32>() * unit(hash(self.seed, &[layer, x, y, t]))
-        };
-        (0..8).map(corner).sum()
-    }
-}
-
-fn smooth(t: f32) -> f32 {
-    t * t * (3.0 - 2.0 * t)
 }
 
 fn foreign(table: &str, mode: &str) -> Error {
@@ -140,6 +124,9 @@ fn check(file: &SimFile) -> Result<()> {
     };
     whole("frames", file.frames, MAX_FRAMES)?;
     whole("steps", file.steps, 64)?;
+    if file.run_in > MAX_FRAMES {
+        return Err(wrong("run_in", format!("{} is out of range", file.run_in), format!("0 to {MAX_FRAMES}")));
+    }
     within("fps", file.fps, 1.0, 240.0)?;
     within("drag", file.drag, 0.0, 1.0)?;
     within("vorticity", file.vorticity, 0.0, 2.0)?;
@@ -175,6 +162,12 @@ fn emitter(file: &mut SimFile, n: usize, folder: &Path, domain: &Domain) -> Resu
     within(&name("rate"), emitter.rate, 0.0, 100.0)?;
     within(&name("temperature"), emitter.temperature, -100.0, 100.0)?;
     within(&name("flicker"), emitter.flicker, 0.0, 1.0)?;
+    within(&name("soft"), emitter.soft, 0.0, 1000.0)?;
+    if emitter.soft > 0.0 && emitter.shape.mask.is_some() {
+        return Err(
+            wrong(&name("soft"), "a mask has its own edges", "disc or box").remedy("blur the mask, and leave soft out")
+        );
+    }
     emitter.velocity.iter().flatten().try_for_each(|&v| speed(&name("velocity"), v, steps))?;
     if mode == Mode::Water && emitter.temperature != 0.0 {
         return Err(wrong(&name("temperature"), "water has none here", "0").remedy("leave it out"));
@@ -184,7 +177,7 @@ fn emitter(file: &mut SimFile, n: usize, folder: &Path, domain: &Domain) -> Resu
         let problem = format!("from frame {} until frame {until} is no time", emitter.from);
         return Err(wrong(&owner, problem, "from less than until"));
     }
-    let mut cover = covered(&mut emitter.shape, (domain.width, domain.height), folder, &owner)?;
+    let mut cover = covered(&mut emitter.shape, emitter.soft, (domain.width, domain.height), folder, &owner)?;
     cover.data.iter_mut().zip(&domain.solid).filter(|(_, s)| **s).for_each(|(c, _)| *c = 0.0);
     if cover.data.iter().all(|&c| c == 0.0) {
         return Err(wrong(&owner, "lies inside obstacles", "a place where the fluid can be"));
@@ -192,12 +185,15 @@ fn emitter(file: &mut SimFile, n: usize, folder: &Path, domain: &Domain) -> Resu
     Ok(Emitter { file: emitter.clone(), cover, seed: hash(seed, &[n as u64]) })
 }
 
-/// How much of each pixel a shape covers, edges softened over one pixel. Makes the path of a mask one that does not depend
-/// on the folder.
-fn covered(shape: &mut Shape, size: (usize, usize), folder: &Path, owner: &str) -> Result<Plane> {
+/// How much of each pixel a shape covers, edges softened over `soft` pixels, at least one. Makes the path of a mask one that
+/// does not depend on the folder.
+fn covered(shape: &mut Shape, soft: f32, size: (usize, usize), folder: &Path, owner: &str) -> Result<Plane> {
     let (width, height) = size;
     let positive = |values: &[f32]| values.iter().all(|&v| v.is_finite() && v > 0.0);
-    let ramp = |inside: f32| (inside + 0.5).clamp(0.0, 1.0);
+    let ramp = |inside: f32| {
+        let share = (inside / soft.max(1.0) + 0.5).clamp(0.0, 1.0);
+        if soft > 1.0 { smooth(share) } else { share }
+    };
     let cover = match (shape.disc, shape.rectangle, &mut shape.mask) {
         (Some([x, y, r]), None, None) if positive(&[r]) && x.is_finite() && y.is_finite() => {
             Plane::from_fn(width, height, |i, j| ramp(r - (i as f32 + 0.5 - x).hypot(j as f32 + 0.5 - y)))

@@ -3,7 +3,7 @@
 
 use crate::raster::image::Plane;
 use crate::simulate::advect::advect;
-use crate::simulate::forces::{blow, confine};
+use crate::simulate::forces::{blow, confine, vorticity};
 use crate::simulate::gas::{Budget, emit, steer, total};
 use crate::simulate::grid::Velocity;
 use crate::simulate::setup::Setup;
@@ -14,6 +14,13 @@ const MAX_WAVE: f32 = 0.5;
 /// Water shallower than this, in pixels, does not move.
 const DRY: f32 = 1e-3;
 
+/// Turning from which on water foams, and from which it foams most, 1 / frame.
+const CALM: f32 = 0.08;
+const WILD: f32 = 0.4;
+/// Share of what is not foam yet that becomes foam where it foams most, and share of the foam that fades, 1 / frame.
+const FOAMING: f32 = 0.25;
+const FADING: f32 = 0.03;
+
 /// The state of water.
 pub struct Shallow<'s> {
     setup: &'s Setup,
@@ -21,6 +28,8 @@ pub struct Shallow<'s> {
     pub velocity: Velocity,
     /// Depth, pixels; 0 in obstacles.
     pub depth: Plane,
+    /// Foam for the preview, 0 to about 1: made where the water turns hard, carried along, fading.
+    pub foam: Plane,
     /// Where the water went; nothing fades.
     pub budget: Budget,
     steps: usize,
@@ -33,7 +42,8 @@ impl<'s> Shallow<'s> {
         let rest = domain.solid.iter().map(|&s| if s { 0.0 } else { setup.water.depth }).collect();
         let depth = Plane::from_vec(domain.width, domain.height, rest);
         let budget = Budget { given: total(&depth), ..Budget::default() };
-        Self { setup, velocity: Velocity::uniform(domain, setup.file.wind), depth, budget, steps: 0 }
+        let foam = Plane::zeros(domain.width, domain.height);
+        Self { setup, velocity: Velocity::uniform(domain, setup.file.wind), depth, foam, budget, steps: 0 }
     }
 
     /// First half of a step: emitters and forces.
@@ -60,9 +70,20 @@ impl<'s> Shallow<'s> {
             let outside = self.setup.water.depth;
             self.budget.left += transport(&mut self.depth, &self.velocity, part, outside, self.steps + n).out;
         }
+        self.whiten(step);
         self.velocity = advect(&self.velocity, step);
         self.setup.domain.obstruct(&mut self.velocity);
         self.steps += 1;
+    }
+
+    /// Makes foam, carries it, and lets it fade.
+    fn whiten(&mut self, step: f32) {
+        let turning = vorticity(&self.setup.domain, &self.velocity);
+        for (foam, turning) in self.foam.data.iter_mut().zip(&turning.data) {
+            let hard = ((turning.abs() - CALM) / (WILD - CALM)).clamp(0.0, 1.0);
+            *foam += step * (hard * FOAMING * (1.0 - *foam) - FADING * *foam);
+        }
+        transport(&mut self.foam, &self.velocity, step, 0.0, self.steps);
     }
 
     /// Water runs down its own slope; at open sides waves leave (Flather 1976).
