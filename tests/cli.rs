@@ -746,6 +746,61 @@ fn clips_go_by_the_names_of_their_files() {
     }
 }
 
+/// A simulation of nine frames in the folder `sim`.
+fn simulated(folder: &Path) {
+    let text = "size = [48, 40]\nframes = 9\nrun_in = 6\nfps = 12.5\n[sides]\ntop = 'open'\n[[emitter]]\n\
+                disc = [24, 30, 9]\nrate = 0.5\ntemperature = 1\nvelocity = [0, -1]\n";
+    fs::write(folder.join("sim.toml"), text).unwrap();
+    succeed(folder, "enliven simulate sim.toml -o sim");
+}
+
+#[test]
+fn a_simulation_is_animated_again_and_measured() {
+    let folder = studio();
+    simulated(folder.path());
+    let line = "enliven animate sim --exemplar picture.png --method lazyfluids --json";
+    let output = succeed(folder.path(), &format!("{line} -o a.y4m --report r"));
+    let record: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!((&record["scene"]["output"]["frames"], &record["scene"]["output"]["fps"]), (&9.into(), &12.5.into()));
+    assert_eq!(record["output_size"], serde_json::json!([48, 40]));
+    assert!(fs::read_to_string(folder.path().join("r/index.html")).unwrap().contains("sim"));
+    let read = |name: &str| fs::read(folder.path().join(name)).unwrap();
+    let written = fs::read_to_string(folder.path().join("a.scene.toml")).unwrap();
+    assert!(written.contains("flow = \"sim/flow\"") && !written.contains("picture ="), "{written}");
+    succeed(folder.path(), "enliven animate a.scene.toml -o b.y4m");
+    assert!(read("a.y4m") == read("b.y4m"));
+    let measured = succeed(folder.path(), "enliven measure a.y4m --json");
+    assert!(stdout(&measured).contains("48"), "{}", stdout(&measured));
+    succeed(folder.path(), &format!("{line} --preview -o p.y4m"));
+    succeed(folder.path(), &format!("{line} --frames 2 --background sim/alpha/00003.png -o c.y4m"));
+}
+
+#[test]
+fn mistakes_with_targets_are_named() {
+    let folder = studio();
+    simulated(folder.path());
+    let wrong = |line: &str, parts: &[&str]| refuse(folder.path(), &format!("enliven animate {line}"), USAGE, parts);
+    wrong("sim --library l.pack -o x.mp4", &["method: database", "takes no designed [target]", "lazyfluids"]);
+    wrong("sim --method lazyfluids -o x.mp4", &["exemplar", "--exemplar"]);
+    let lazy = "--exemplar picture.png --method lazyfluids -o x.mp4";
+    wrong(&format!("sim {lazy} --frames 10"), &["output.frames: 10 are more", "2 to 9"]);
+    wrong(&format!("sim {lazy} --matte matte.png"), &["matte", "whose alpha"]);
+    wrong(&format!("sim {lazy} --direction 90"), &["motion", "whose flow"]);
+    wrong(&format!("sim {lazy} --frames 2").replace("x.mp4", "sim/alpha/"), &["sim/alpha", "would be written over"]);
+    let scene = |text: &str| fs::write(folder.path().join("s.toml"), text).unwrap();
+    scene("picture = 'picture.png'\n[target]\nflow = 'sim/flow'\nalpha = 'sim/alpha'");
+    wrong(&format!("s.toml {lazy}"), &["picture", "not both", "as background", "as exemplar"]);
+    scene("[target]\nflow = 'sim/flow'\nalfa = 'sim/alpha'");
+    wrong(&format!("s.toml {lazy}"), &["target.alfa", "did you mean \"alpha\"?"]);
+    scene("[target]\nflow = 'sim/flow'\nalpha = 'empty'");
+    wrong(&format!("s.toml {lazy}"), &["empty", "no frames"]);
+    scene("background = 'picture.png'\n[target]\nflow = 'sim/flow'\nalpha = 'sim/alpha'");
+    let line = format!("enliven animate s.toml {lazy}");
+    refuse(folder.path(), &line, FAILED, &["the background is 112 × 80 pixels, the target 48 × 40"]);
+    fs::remove_file(folder.path().join("sim/alpha/00001.png")).unwrap();
+    wrong(&format!("sim {lazy}"), &["sim/alpha", "frame 1 is missing", "0 to 8"]);
+}
+
 #[cfg(unix)]
 mod interrupted {
     use std::process::{Command, Stdio};

@@ -6,6 +6,7 @@
 
 mod campfire;
 mod canvas;
+mod exemplar;
 mod falls;
 mod fire;
 mod fluid;
@@ -26,11 +27,12 @@ use enliven::video::sink::{self, FrameRate, SinkOptions};
 type Job = fn(&Path) -> Result<()>;
 
 /// What can be made, by name.
-const JOBS: [(&str, Job); 7] = [
+const JOBS: [(&str, Job); 8] = [
     ("waterfall", waterfall),
     ("rapids", rapids),
     ("flames", flames),
     ("plume", plume),
+    ("exemplar", flames_exemplar),
     ("falls", falls_painting),
     ("campfire", campfire_painting),
     ("stream", stream_matte),
@@ -91,6 +93,14 @@ fn plume(out: &Path) -> Result<()> {
         smoking.advance();
         canvas.develop(1.0)
     })
+}
+
+/// Flames alone, with their opacity, to borrow looks from.
+fn flames_exemplar(out: &Path) -> Result<()> {
+    let path = out.join("exemplars/flames.png");
+    create_parent(&path)?;
+    let (width, height) = (exemplar::SIZE.0 as u32, exemplar::SIZE.1 as u32);
+    Ok(image::save_buffer(path, &exemplar::flames()?, width, height, image::ColorType::Rgba8)?)
 }
 
 /// A painting of other falls, with the renderer's own matte.

@@ -12,6 +12,7 @@ use crate::raster::image::Rgb8;
 use crate::raster::picture_io::{picture_size, write_png};
 use crate::report::contact_sheet::spread;
 use crate::report::run::{FILES, SHEET_FRAMES, to_json, write as write_report};
+use crate::scene::designed::Designed;
 use crate::scene::file::{Motion, SceneFile, set};
 use crate::scene::frame_map::{preview_size, preview_working};
 use crate::scene::scene::{self, MIN_FRAMES, Scene};
@@ -28,7 +29,7 @@ const PREVIEW_CANDIDATES: i64 = 25;
 /// Animate a picture: its fluid moves, the rest stays as it is.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Animate {
-    /// A picture (PNG, JPEG, WebP), a scene file (.toml), or a folder with a scene.toml
+    /// A picture (PNG, JPEG, WebP), a scene file (.toml), a folder with a scene.toml, or one of `enliven simulate`
     pub scene: PathBuf,
     /// Grey picture of the same size, white where the fluid is
     #[arg(long, value_name = "PNG")]
@@ -203,15 +204,22 @@ impl Animate {
 impl Animate {
     /// Makes a scene one that is seen quickly; what the command line says by itself stays.
     fn make_preview(&self, file: &mut SceneFile) -> Result<()> {
+        let target = file.target.as_ref().map(|target| Designed::open(file, target)).transpose()?;
         let output = &mut file.output;
-        if self.size.is_none() && !file.picture.as_os_str().is_empty() {
-            output.size = Some(preview_size(picture_size(&file.picture)?, output.size));
+        let size = match &target {
+            Some(target) => Some(target.size),
+            None if file.picture.as_os_str().is_empty() => None,
+            None => Some(picture_size(&file.picture)?),
+        };
+        if let Some(size) = size.filter(|_| self.size.is_none()) {
+            output.size = Some(preview_size(size, output.size));
         }
-        if self.working_size.is_none() && !file.picture.as_os_str().is_empty() {
-            output.working_size = preview_working(picture_size(&file.picture)?, output.working_size);
+        if let Some(size) = size.filter(|_| self.working_size.is_none()) {
+            output.working_size = preview_working(size, output.working_size);
         }
         if self.frames.is_none() && output.frames_range.is_none() {
-            output.frames = Some(output.length().min((PREVIEW_SECONDS * output.fps) as usize).max(MIN_FRAMES));
+            let all = target.map_or(Ok(output.length()), |target| target.length(output))?;
+            output.frames = Some(all.min((PREVIEW_SECONDS * output.fps) as usize).max(MIN_FRAMES));
         }
         let name = file.method.as_deref().unwrap_or(DEFAULT_METHOD);
         let method = synth::REGISTRY.iter().find(|m| m.name == name);

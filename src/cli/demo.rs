@@ -9,7 +9,10 @@ use crate::base::observe::Observer;
 use crate::cli::animate::animate;
 use crate::cli::common::{bytes, counted, duration, say};
 use crate::library::build::{Options, build};
+use crate::scene::file::SceneFile;
 use crate::scene::scene;
+use crate::simulate::output::simulate;
+use crate::simulate::setup::Setup;
 
 /// The fixtures, by their path below `fixtures/`, inside the program: the demo runs wherever the program is.
 macro_rules! fixtures {
@@ -24,6 +27,7 @@ const FIXTURES: &[(&str, &[u8])] = fixtures![
     "clips/smoke/plume.mp4",
     "clips/water/rapids.mp4",
     "clips/water/waterfall.mp4",
+    "exemplars/flames.png",
     "pictures/campfire.clean.png",
     "pictures/campfire.matte.png",
     "pictures/campfire.png",
@@ -36,16 +40,19 @@ const FIXTURES: &[(&str, &[u8])] = fixtures![
     "scenes/falls/scene.toml",
     "scenes/fire/scene.toml",
     "scenes/stream/scene.toml",
+    "simulate/fire.toml",
 ];
 
 /// Libraries: name, folder of clips.
 const LIBRARIES: [(&str, &str); 2] = [("water", "clips/water"), ("fire", "clips/fire")];
 /// Scenes: name, library.
 const SCENES: [(&str, &str); 3] = [("falls", "water"), ("stream", "water"), ("fire", "fire")];
+/// A designed fire: name, simulation, what it is made to look like, method.
+const DESIGNED: (&str, &str, &str, &str) = ("flames", "simulate/fire.toml", "exemplars/flames.png", "lazyfluids");
 /// Distance of pieces in the demo's libraries: its clips are small.
 const STRIDE: u32 = 12;
 
-/// Build small libraries from the program's own clips and animate three pictures with them.
+/// Build small libraries from the program's own clips, animate three pictures with them, and a fire designed by hand.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Demo {
     /// Folder to write to
@@ -77,17 +84,36 @@ impl Demo {
         for (name, library) in SCENES {
             let mut file = scene::open(&input.join("scenes").join(name))?;
             file.library = vec![self.output.join(library).with_extension("pack")];
-            let video = self.output.join(name).with_extension("mp4");
-            let record = animate(file, &video, Some(&self.output.join(name)), observer)?;
-            let frames = counted(record.scene.output.length() as u64, "frame");
-            say!("{}: {frames} in {}", video.display(), duration(record.seconds));
+            self.animate(name, file, observer)?;
         }
+        self.design(&input, observer)?;
         say!(
             "all in {}; look at {}, and at index.html in the folders beside the videos",
             duration(start.elapsed().as_secs_f64()),
             self.output.join("falls.mp4").display()
         );
         Ok(())
+    }
+}
+
+impl Demo {
+    /// Animates one scene, with a page that explains it.
+    fn animate(&self, name: &str, file: SceneFile, observer: &dyn Observer) -> Result<()> {
+        let video = self.output.join(name).with_extension("mp4");
+        let record = animate(file, &video, Some(&self.output.join(name)), observer)?;
+        let frames = counted(record.scene.output.length() as u64, "frame");
+        say!("{}: {frames} in {}", video.display(), duration(record.seconds));
+        Ok(())
+    }
+
+    /// Simulates a fire and makes it look like flames.
+    fn design(&self, input: &Path, observer: &dyn Observer) -> Result<()> {
+        let (name, simulation, exemplar, method) = DESIGNED;
+        let target = self.output.join(format!("{name}-target"));
+        simulate(&Setup::open(&input.join(simulation))?, &target, observer)?;
+        let mut file = scene::open(&target)?;
+        (file.exemplar, file.method) = (Some(input.join(exemplar)), Some(method.to_owned()));
+        self.animate(name, file, observer)
     }
 }
 

@@ -15,6 +15,7 @@ use crate::raster::image::Plane;
 use crate::raster::picture_io::read_grey;
 use crate::raster::resample::resize_rgb8;
 use crate::report::measured::Known;
+use crate::scene::designed::Designed;
 use crate::scene::file::SceneFile;
 use crate::scene::scene::{self, Scene, Still};
 use crate::synth::record::RunRecord;
@@ -130,7 +131,10 @@ impl Measure {
     ) -> Result<Inputs> {
         let (scene, still) = of_scene.unzip();
         still.map_or(Ok(()), |still| self.check_size(video, still))?;
-        let matte = still.map(|still| &still.matte);
+        let reach = scene.and_then(Scene::designed).map(Designed::reach).transpose()?;
+        let matte = reach.as_ref().or(still.map(|still| &still.matte));
+        // What is behind a designed target does not look like its fluid.
+        let pictured = still.filter(|_| reach.is_none());
         if still.is_none() {
             observer.note("no scene is known: all of the video is measured; name one with --scene");
         }
@@ -139,7 +143,7 @@ impl Measure {
         let footage =
             Footage::new(video.frames.clone(), fps, loops, matte).map_err(|e| e.about(self.video.display()))?;
         let size = (footage.width(), footage.height());
-        let picture = still.map(|still| Footage::still(resize_rgb8(&still.picture, size.0, size.1), matte));
+        let picture = pictured.map(|still| Footage::still(resize_rgb8(&still.picture, size.0, size.1), matte));
         let given = || scene.and_then(|scene| scene.settings().reference.clone());
         let reference = self.reference.clone().or_else(given);
         let reference = reference.map(|path| self.reference(path, &footage, matte, observer)).transpose()?;

@@ -100,15 +100,16 @@ fn motionless(path: &Path, problem: String) -> Error {
 }
 
 fn from_png(path: &Path) -> Result<Field> {
-    let (width, height, pixels) = read_deep(path)?.ok_or_else(|| {
+    let [red, green, blue] = read_deep(path)?.ok_or_else(|| {
         Error::file(Kind::Data, path, "is not a PNG of 16-bit colours, so it holds no motion")
             .allowed("u = (R − 32768) / 64, v = (G − 32768) / 64, B not 0 where it is known")
     })?;
-    let part = |k: usize| {
-        let value = |pixel: &[u16; 3]| if pixel[2] == 0 { f32::NAN } else { (f32::from(pixel[k]) - 32768.0) / 64.0 };
-        Plane::from_vec(width, height, pixels.iter().map(value).collect())
+    let part = |channel: Plane| {
+        let values = channel.data.iter().zip(&blue.data);
+        let known = values.map(|(&value, &known)| if known == 0.0 { f32::NAN } else { (value - 32768.0) / 64.0 });
+        Plane::from_vec(channel.width, channel.height, known.collect())
     };
-    Ok(Field { u: part(0), v: part(1) })
+    Ok(Field { u: part(red), v: part(green) })
 }
 
 #[cfg(test)]

@@ -76,14 +76,15 @@ pub fn read_opacity(path: &Path) -> Result<Plane> {
     Ok(Plane::from_vec(width, height, data))
 }
 
-/// Width, height and colours of a picture with 16 bits a channel and without opacity; none of any other picture.
+/// Red, green and blue of a picture with 16 bits a channel and without opacity, 0 to 65535; none of any other picture.
 ///
 /// # Errors
 /// Those of [`read_picture`].
-pub fn read_deep(path: &Path) -> Result<Option<(usize, usize, Vec<[u16; 3]>)>> {
+pub fn read_deep(path: &Path) -> Result<Option<[Plane; 3]>> {
     let DynamicImage::ImageRgb16(image) = decode(path)? else { return Ok(None) };
     let (width, height) = (image.width() as usize, image.height() as usize);
-    Ok(Some((width, height, image.pixels().map(|pixel| pixel.0).collect())))
+    let channel = |c: usize| image.pixels().map(|pixel| f32::from(pixel.0[c])).collect();
+    Ok(Some(std::array::from_fn(|c| Plane::from_vec(width, height, channel(c)))))
 }
 
 /// Width and height of a picture as [`read_picture`] would give them, without decoding it.

@@ -92,6 +92,18 @@ impl Designed {
         if is_exr(path) { exr_alpha(path) } else { read_opacity(path) }
     }
 
+    /// Where the fluid is in any frame: the greatest opacity, at the target's own size.
+    ///
+    /// # Errors
+    /// An unreadable file.
+    pub fn reach(&self) -> Result<Plane> {
+        let mut reach = Plane::zeros(self.size.0, self.size.1);
+        for t in 0..self.frames() {
+            reach.data.iter_mut().zip(&self.alpha(t)?.data).for_each(|(most, a)| *most = most.max(*a));
+        }
+        Ok(reach)
+    }
+
     /// The error of a target that shows nothing.
     pub fn no_alpha(&self) -> Error {
         Error::file(Kind::Usage, &self.alpha.folder, "is all black in every frame: there is nothing to show")

@@ -125,13 +125,14 @@ impl Scene {
         let size = target.as_ref().map_or_else(|| picture_size(&file.picture), |target| Ok(target.size))?;
         file.output.frames = Some(target.as_ref().map_or(Ok(file.output.length()), |t| t.length(&file.output))?);
         check_range(&file.output)?;
+        let whole = if target.is_some() { "target" } else { "picture" };
         for (path, what) in [
             (&file.matte, "matte"),
             (&file.background, "background"),
             (&file.motion.orientation, "orientation map"),
             (&file.motion.speed, "speed map"),
         ] {
-            path.as_deref().map_or(Ok(()), |path| same_size(path, what, size))?;
+            path.as_deref().map_or(Ok(()), |path| same_size((path, what), (whole, size)))?;
         }
         file.library.iter().try_for_each(|path| library_exists(path))?;
         file.reference.iter().chain(&file.motion.strokes).try_for_each(|path| exists(path))?;
@@ -304,13 +305,13 @@ fn check_motion(motion: &Motion) -> Result<()> {
     }
 }
 
-fn same_size(path: &Path, what: &str, size: (usize, usize)) -> Result<()> {
+fn same_size((path, what): (&Path, &str), (whole, size): (&str, (usize, usize))) -> Result<()> {
     let found = picture_size(path)?;
     if found == size {
         return Ok(());
     }
-    let problem = format!("the {what} is {} × {} pixels, the picture {} × {}", found.0, found.1, size.0, size.1);
-    Err(Error::file(Kind::Unusable, path, problem).remedy(format!("make the {what} the picture's size")))
+    let problem = format!("the {what} is {} × {} pixels, the {whole} {} × {}", found.0, found.1, size.0, size.1);
+    Err(Error::file(Kind::Unusable, path, problem).remedy(format!("make the {what} the {whole}'s size")))
 }
 
 fn exists(path: &Path) -> Result<()> {
