@@ -34,6 +34,9 @@ impl Designed {
         let flow = Sequence::list(&target.flow, &rendered::EXTENSIONS)?;
         let alpha = Sequence::list(&target.alpha, &PICTURES)?;
         let height = target.height.as_deref().map(|folder| Sequence::list(folder, &PICTURES)).transpose()?;
+        if flow.len() < 2 {
+            return Err(Error::file(Kind::Usage, &flow.folder, "has only one frame").allowed("2 or more"));
+        }
         let size = rendered::size(&flow.files[0])?;
         one_size(&flow, size, rendered::size)?;
         for grey in [Some(&alpha), height.as_ref()].into_iter().flatten() {

@@ -326,6 +326,10 @@ mod tests {
         let motion = Motion { direction: Some(3.0), ..Motion::default() };
         refuse(SceneFile { motion, ..file.clone() }, "motion: ");
         let target = Some(TargetFile { flow: folder.path().join("flow"), ..TargetFile::default() });
-        refuse(SceneFile { target, ..file }, "target.alpha: is missing");
+        refuse(SceneFile { target, ..file.clone() }, "target.alpha: is missing");
+        for name in ["flow/0008.flo", "flow/0009.flo", "flow/0010.flo"] {
+            std::fs::remove_file(folder.path().join(name)).unwrap();
+        }
+        refuse(file, "has only one frame");
     }
 }
