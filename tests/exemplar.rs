@@ -95,6 +95,8 @@ fn what_cannot_be_borrowed_is_named() {
     let with = |alpha: &str| format!("{LAZY}exemplar = 'e.png'\nexemplar_alpha = '{alpha}'\n{DOWN}");
     contains(&with("nothing.png"), "nothing.png");
     contains(&with("black.png"), "e.png: the exemplar is transparent all over");
+    write_grey_png(&stage.path("half.png"), &Plane::filled(40, 36, 0.5)).unwrap();
+    contains(&with("half.png"), "exemplar: it has no inside");
     contains(&with("small.png"), "small.png: is 20 × 36 pixels, the exemplar 40 × 36");
     contains(
         &format!("{LAZY}{DOWN}[lazyfluids]\npatch = 6"),
@@ -165,4 +167,38 @@ fn a_clip_shorter_than_the_video_is_looped_and_black_is_transparent() {
             assert!(synthesis.frames.iter().all(|f| f.outline_usage.is_some() && f.inside_usage.is_some()));
         }
     }
+}
+
+#[test]
+fn the_fluid_moves_as_fast_as_is_asked() {
+    let stage = Stage::new();
+    for speed in [0.25, 0.5, 1.0, 3.0] {
+        let strokes = format!(r#"{{"strokes": [{{"points": [[86, 4], [86, 92]], "speed": {speed}}}]}}"#);
+        std::fs::write(stage.path("s.json"), strokes).unwrap();
+        let scene = format!("{LAZY}[motion]\nstrokes = 's.json'\n[output]\nframes = 24\n[lazyfluids]\nfade = 6\n");
+        let (frames, _) = stage.run(&scene).unwrap();
+        // Over eight frames, half way down the fluid, which way down is most alike?
+        let (first, last) = (frames[4].luma(), frames[12].luma());
+        let apart = |down: usize| -> f32 {
+            let rows = (34..88).flat_map(|y| (56..120).map(move |x| (x, y)));
+            rows.map(|(x, y)| (last.at(x, y) - first.at(x, y - down)).powi(2)).sum()
+        };
+        let best = (0..32).min_by(|&a, &b| apart(a).total_cmp(&apart(b))).unwrap();
+        assert!((best as f32 / 8.0 / speed - 1.0).abs() < 0.3, "{speed}: {best} pixels in 8 frames");
+    }
+}
+
+#[test]
+fn larger_videos_have_the_detail_of_the_exemplar() {
+    let stage = Stage::new();
+    let whole = texture(SIZE.0, SIZE.1, 1);
+    let sharp = |frame: &Rgb8| -> f32 {
+        let luma = frame.luma();
+        let across = (20..80).flat_map(|y| (60..120).map(move |x| (x, y)));
+        across.map(|(x, y)| (luma.at(x + 1, y) - 2.0 * luma.at(x, y) + luma.at(x - 1, y)).powi(2)).sum()
+    };
+    let scene = format!("{LAZY}[motion]\ndirection = 90\n[output]\nframes = 6\nworking_size = 96\n");
+    let (frames, _) = stage.run(&scene).unwrap();
+    assert_eq!((frames[3].width, frames[3].height), SIZE);
+    assert!(sharp(&frames[3]) > 0.6 * sharp(&whole), "{} of {}", sharp(&frames[3]), sharp(&whole));
 }

@@ -17,4 +17,5 @@ pub mod mirror;
 pub mod overlay;
 pub mod recover;
 pub mod sample;
+pub mod streaks;
 pub mod trajectory;

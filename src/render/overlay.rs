@@ -24,10 +24,10 @@ pub struct Overlay {
 }
 
 impl Overlay {
-    /// The frame with `fluid`, given at working size.
-    pub fn frame(&self, fluid: &Premultiplied) -> Rgb8 {
+    /// The frame with `fluid`, given at working size, and at output size what its colours have of finer detail.
+    pub fn frame(&self, fluid: &Premultiplied, detail: Option<&[Plane; 3]>) -> Rgb8 {
         let mut out = self.picture.clone();
-        self.each_row(fluid, &mut out.data, 3, |y, row, colours| {
+        self.each_row((fluid, detail), &mut out.data, 3, |y, row, colours| {
             for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
                 let i = y * self.picture.width + x;
                 let [red, green, blue, alpha] = colours(x);
@@ -49,10 +49,10 @@ impl Overlay {
 
     /// The fluid alone: its colours, not multiplied, black where nothing of it is seen, and how much of each pixel it
     /// covers, a byte each.
-    pub fn alone(&self, fluid: &Premultiplied) -> (Rgb8, Vec<u8>) {
+    pub fn alone(&self, fluid: &Premultiplied, detail: Option<&[Plane; 3]>) -> (Rgb8, Vec<u8>) {
         let (width, height) = (self.picture.width, self.picture.height);
         let mut bytes = vec![0; width * height * 4];
-        self.each_row(fluid, &mut bytes, 4, |y, row, colours| {
+        self.each_row((fluid, detail), &mut bytes, 4, |y, row, colours| {
             for (x, pixel) in row.chunks_exact_mut(4).enumerate() {
                 let [red, green, blue, alpha] = colours(x);
                 let matte = self.matte.as_ref().map_or(alpha, |m| m.data[y * width + x]);
@@ -79,7 +79,7 @@ impl Overlay {
     /// Calls `f` for every row with its number, its bytes and the fluid's values in it.
     fn each_row(
         &self,
-        fluid: &Premultiplied,
+        (fluid, detail): (&Premultiplied, Option<&[Plane; 3]>),
         data: &mut [u8],
         bytes: usize,
         f: impl Fn(usize, &mut [u8], &dyn Fn(usize) -> [f32; 4]) + Sync + Send,
@@ -94,7 +94,8 @@ impl Overlay {
             for (j, row) in rows.chunks_exact_mut(width * bytes).enumerate() {
                 let values = |x: usize| {
                     let alpha = planes[3].at(x, j).clamp(0.0, 1.0);
-                    let colour = |c: usize| planes[c].at(x, j).clamp(0.0, alpha);
+                    let finer = |c: usize| detail.map_or(0.0, |detail| detail[c].at(x, first + j));
+                    let colour = |c: usize| (planes[c].at(x, j) + finer(c)).clamp(0.0, alpha);
                     [colour(0), colour(1), colour(2), alpha]
                 };
                 f(first + j, row, &values);

@@ -90,6 +90,11 @@ impl FrameMap {
         WorkingPoint(p.0 * ww as f32 / pw as f32, p.1 * wh as f32 / ph as f32)
     }
 
+    /// Pixels of the output per pixel of the working image, along its width.
+    pub fn enlarged(&self) -> f32 {
+        self.output.0 as f32 / self.working.0 as f32
+    }
+
     /// Pixels of the working image per pixel of the picture, for lengths and speeds.
     pub fn working_scale(&self) -> f32 {
         ((self.working.0 * self.working.1) as f32 / (self.picture.0 * self.picture.1) as f32).sqrt()

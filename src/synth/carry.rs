@@ -119,3 +119,47 @@ fn lanczos(f: f32) -> [f32; 6] {
     let sum: f32 = weights.iter().sum();
     weights.map(|w| w / sum)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn uniform(u: f32, v: f32) -> Field {
+        Field { u: Plane::filled(24, 20, u), v: Plane::filled(24, 20, v) }
+    }
+
+    #[test]
+    fn steps_and_what_is_owed_are_the_whole_motion() {
+        let flow = uniform(0.3, -1.45);
+        let (mut owed, mut gone) = (Field::zeros(24, 20), (0, 0));
+        for t in 1..=40 {
+            let carry = Carry::new(&flow, &owed);
+            let step = carry.steps[12 * 24 + 12];
+            gone = (gone.0 + step.0, gone.1 + step.1);
+            owed = carry.owed;
+            let (u, v) = (gone.0 as f32 + owed.u.at(12, 12), gone.1 as f32 + owed.v.at(12, 12));
+            assert!((u - 0.3 * t as f32).abs() < 1e-3 && (v + 1.45 * t as f32).abs() < 1e-3, "{t}: {u} {v}");
+            assert!(owed.u.data.iter().chain(&owed.v.data).all(|o| o.abs() <= 0.5 + 1e-4));
+        }
+    }
+
+    #[test]
+    fn whole_steps_copy_and_what_comes_from_outside_is_unknown() {
+        let plane = Plane::from_fn(24, 20, |x, y| (x + 24 * y) as f32);
+        let carry = Carry::new(&uniform(3.0, 1.0), &Field::zeros(24, 20));
+        let (carried, known) = (carry.carried(&plane), carry.known());
+        assert_eq!((carried.at(10, 10), known.at(10, 10)), (plane.at(7, 9), 1.0));
+        assert_eq!((carried.at(2, 10), known.at(2, 10), known.at(10, 0)), (0.0, 0.0, 0.0));
+        assert_eq!(carry.position(10, 10), (7.5, 9.5));
+    }
+
+    #[test]
+    fn half_a_pixel_away_a_picture_is_as_sharp() {
+        let plane = Plane::from_fn(24, 20, |x, _| (x as f32 * 1.2).sin());
+        let half = moved(&plane, &uniform(0.5, 0.0));
+        for x in 4..20 {
+            assert!((half.at(x, 9) - ((x as f32 - 0.5) * 1.2).sin()).abs() < 0.05, "{x}");
+        }
+        assert_eq!(moved(&plane, &uniform(0.0, 0.0)), plane);
+    }
+}

@@ -6,10 +6,11 @@ use super::carry::{Carry, moved, shown};
 use super::channels::{Channels, Parts};
 use super::exemplar::Exemplar;
 use super::record::FrameRecord;
-use crate::base::error::Result;
+use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::rng;
 use crate::flow::field::Field;
+use crate::patch::atlas::Atlas;
 use crate::patch::engine::{Engine, Frame, Image, Settings, Source, Target as Start};
 use crate::patch::nnf::Nnf;
 use crate::patch::segments::{BOUNDARY, INTERIOR, Thresholds};
@@ -18,6 +19,8 @@ use crate::raster::image::Plane;
 use crate::raster::premultiplied::Premultiplied;
 use crate::scene::target::Target;
 
+/// Frames of a clip in which an inside is looked for.
+const LOOKED_AT: i64 = 8;
 /// Deviation of the noise that a first frame starts from, and its blur in pixels.
 const NOISE: (f32, f32) = (0.25, 1.0);
 
@@ -93,7 +96,27 @@ impl<'a> Chain<'a> {
         if exemplar.is_still() {
             chain.source = Some(chain.source(0, 0)?);
         }
+        chain.check_inside()?;
         Ok(chain)
+    }
+
+    /// Refuses an exemplar that is all outline: there would be nothing to fill the fluid with.
+    fn check_inside(&self) -> Result<()> {
+        if self.opaque || self.exemplar.own || !self.recipe.channels.makes_alpha() {
+            return Ok(());
+        }
+        let frames = self.target.frames() as i64;
+        let looked_at = if self.exemplar.is_still() { 1 } else { LOOKED_AT };
+        for k in 0..looked_at {
+            let t = k * frames / looked_at;
+            if !self.source_of(t, t)?.atlas().patches.centres(INTERIOR).is_empty() {
+                return Ok(());
+            }
+        }
+        let upper = self.thresholds().upper;
+        Err(Error::new(Kind::Unusable, "exemplar", "it has no inside: its blurred alpha stays low everywhere")
+            .allowed(format!("{upper} or more somewhere (option u)"))
+            .remedy("give a fuller opacity with --exemplar-alpha, or a larger exemplar"))
     }
 
     /// The first frame: the picture's own fluid, or made from nothing (λ = 0).
@@ -125,7 +148,8 @@ impl<'a> Chain<'a> {
         let (alpha, flow) = self.motion(state.t, t)?;
         let carry = Carry::new(&flow, &state.owed);
         let before = Premultiplied::from_planes(state.layer.planes.each_ref().map(|p| carry.carried(p)));
-        let coherence = self.coherence(state.t, &alpha, &flow, &carry)?;
+        let place = state.t.clamp(0, self.target.frames() as i64 - 1) as usize;
+        let coherence = coherence(&alpha, &self.target.alpha(place)?, &flow, &carry);
         let mut start = before.clone();
         if !self.recipe.channels.makes_alpha() {
             start.planes[3] = alpha.clone();
@@ -143,6 +167,11 @@ impl<'a> Chain<'a> {
         Ok(left(t, frame, &source, &alpha, carry.owed))
     }
 
+    /// The exemplar's patches, where they are the same for all frames.
+    pub fn atlas(&self) -> Option<&Atlas> {
+        self.source.as_ref().map(Source::atlas)
+    }
+
     /// Designed opacity of frame `to`, and the motion that leads there from its neighbour `from`.
     fn motion(&self, from: i64, to: i64) -> Result<(Plane, Field)> {
         // Only what is the same in every frame is followed backwards, and beyond the ends.
@@ -152,17 +181,6 @@ impl<'a> Chain<'a> {
             flow.u.data.iter_mut().chain(&mut flow.v.data).for_each(|v| *v = -*v);
         }
         Ok((self.target.alpha(place(to))?, flow))
-    }
-
-    /// λ_q / λ (LazyFluids, Eq. 6): 1 where fluid was before, 0 where it is new.
-    fn coherence(&self, from: i64, alpha: &Plane, flow: &Field, carry: &Carry) -> Result<Plane> {
-        let place = from.clamp(0, self.target.frames() as i64 - 1) as usize;
-        let before = moved(&self.target.alpha(place)?, flow);
-        let mut coherence = carry.known();
-        for ((c, now), before) in coherence.data.iter_mut().zip(&alpha.data).zip(&before.data) {
-            *c *= 1.0 - (now - before.clamp(0.0, 1.0)).max(0.0);
-        }
-        Ok(coherence)
     }
 
     fn anchor(&self, before: &Premultiplied, coherence: &Plane) -> Anchor {
@@ -221,6 +239,16 @@ impl<'a> Chain<'a> {
     }
 }
 
+/// λ_q / λ (LazyFluids, Eq. 6), from the designed opacity of a frame and of the one before: 1 where fluid was before, 0
+/// where it is new.
+fn coherence(alpha: &Plane, before: &Plane, flow: &Field, carry: &Carry) -> Plane {
+    let (before, mut coherence) = (moved(before, flow), carry.known());
+    for ((c, now), before) in coherence.data.iter_mut().zip(&alpha.data).zip(&before.data) {
+        *c *= 1.0 - (now - before.clamp(0.0, 1.0)).max(0.0);
+    }
+    coherence
+}
+
 fn left(t: i64, frame: Frame, source: &Source, alpha: &Plane, owed: Field) -> State {
     let record = record(t, &frame, source);
     let mut planes = frame.planes.into_iter();
@@ -243,5 +271,22 @@ fn record(t: i64, frame: &Frame, source: &Source) -> FrameRecord {
         rounds: frame.levels.iter().map(|level| level.energies.len()).collect(),
         outline_usage: range(BOUNDARY),
         inside_usage: range(INTERIOR),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn new_fluid_owes_nothing_to_the_frame_before() {
+        // An emitter from row 8 on, fluid that sinks by 3 pixels a frame.
+        let alpha = Plane::from_fn(20, 30, |_, y| f32::from(y >= 8));
+        let flow = Field { u: Plane::zeros(20, 30), v: Plane::filled(20, 30, 3.0) };
+        let lambda = coherence(&alpha, &alpha, &flow, &Carry::new(&flow, &Field::zeros(20, 30)));
+        let column: Vec<f32> = (0..30).map(|y| lambda.at(10, y)).collect();
+        assert!(column[..3].iter().all(|l| *l == 0.0), "beyond the border nothing is known: {column:?}");
+        assert!(column[8..11].iter().all(|l| *l == 0.0), "{column:?}");
+        assert!(column[11..].iter().chain(&column[3..8]).all(|l| *l == 1.0), "{column:?}");
     }
 }

@@ -31,6 +31,8 @@ pub struct Exemplar {
     content: Content,
     /// Whether it is the picture's own fluid.
     pub own: bool,
+    /// A still one at a size for outputs larger than the working image.
+    pub fine: Option<Premultiplied>,
 }
 
 #[derive(Debug, Clone, PartialEq)]
@@ -41,7 +43,7 @@ enum Content {
 }
 
 /// What an exemplar is wanted for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Wanted {
     /// Its long side in pixels; 0: so that it has no more fluid than the target.
     pub long_side: usize,
@@ -49,6 +51,8 @@ pub struct Wanted {
     pub turns: usize,
     /// Side of a patch in pixels.
     pub side: usize,
+    /// Pixels of the output per pixel of the working image.
+    pub enlarged: f32,
 }
 
 impl Exemplar {
@@ -66,15 +70,25 @@ impl Exemplar {
                     .remedy("name a picture or a clip whose looks are borrowed, with --exemplar"));
             }
             let own = Premultiplied::new(&still.working, &still.working_matte);
-            return Ok(Self { content: Content::Still(own), own: true });
+            let fine = (wanted.enlarged > 1.0).then(|| Premultiplied::new(&still.picture.to_color(), &still.matte));
+            return Ok(Self { content: Content::Still(own), own: true, fine });
         };
         let (frames, fps) = (target.frames(), settings.output.fps);
         // A loop is looked for in twice the frames it needs.
         let limit = (if target.loops() { 2 * frames } else { frames }).max(4 * FADE);
         let long_side = if wanted.long_side == 0 { target.size().0.max(target.size().1) } else { wanted.long_side };
-        let reading = exemplar_files::Reading { long_side, limit, fps, fade: FADE };
+        let finer = |side: usize| (side as f32 * wanted.enlarged.max(1.0)).round() as usize;
+        let reading = exemplar_files::Reading { long_side: finer(long_side), limit, fps, fade: FADE };
         let read = exemplar_files::read(path, settings.exemplar_alpha.as_deref(), &reading, observer)?;
+        let large = read.size();
+        let fine = match &read {
+            Frames::Still(frame) if wanted.enlarged > 1.0 => Some(frame.clone()),
+            _ => None,
+        };
+        let read = read.shrunk(long_side);
         let read = if wanted.long_side == 0 { fitted(read, fluid_of(target)? / wanted.turns as f64) } else { read };
+        let finest = finer(read.size().0.max(read.size().1)).min(large.0.max(large.1));
+        let fine = fine.map(|fine| exemplar_files::shrunk(fine, finest));
         let content = match read {
             Frames::Still(frame) => Content::Still(frame),
             Frames::Clip(clip) => {
@@ -83,7 +97,7 @@ impl Exemplar {
                 Content::Clip(clip, plan)
             }
         };
-        let exemplar = Self { content, own: false };
+        let exemplar = Self { content, own: false, fine };
         exemplar.check(path, wanted.side)?;
         Ok(exemplar)
     }

@@ -229,7 +229,8 @@ fn plane_of(bytes: &[u8], width: usize) -> Plane {
     Plane::from_vec(width, bytes.len() / width.max(1), bytes.iter().map(unit).collect())
 }
 
-fn shrunk(frame: Premultiplied, long_side: usize) -> Premultiplied {
+/// With a long side of at most `long_side` pixels.
+pub fn shrunk(frame: Premultiplied, long_side: usize) -> Premultiplied {
     let (width, height) = frame.size();
     let ratio = long_side as f64 / width.max(height) as f64;
     let of = |v: usize| ((v as f64 * ratio).round() as usize).max(1);

@@ -5,7 +5,7 @@ use super::chain::Recipe;
 use super::channels::{Channels, Content};
 use super::exemplar::{Exemplar, Wanted};
 use super::record::Timed;
-use super::sequence::{Run, animate};
+use super::sequence::{Run, Showing, animate};
 use super::{MethodEntry, Outcome, Sources, Synthesizer};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::stage;
@@ -31,6 +31,8 @@ declare_options! {
         iterations: usize = 20, in 1, 1000, "rounds", "methods §2.2";
         /// Long side of the exemplar; 0 shrinks it until it has no more fluid than the target. It is never enlarged.
         exemplar_size: usize = 0, in 0, 4096, "pixels", "ours";
+        /// Exposure of every frame: motion blur along the flow, this many frames long.
+        shutter: f32 = 0.0, in 0, 10, "frames", "LazyFluids 2015, Fig. 9";
         /// Frames of the fade that closes a loop.
         fade: usize = 16, in 0, 1000, "frames", "methods §2.4";
     }
@@ -90,9 +92,15 @@ impl Synthesizer for Kwatra {
         let still = stage(observer, "read picture", 0, || scene.still(observer))?;
         let target = Target::of(scene, &still)?;
         target.note(observer);
-        let wanted = Wanted { long_side: options.exemplar_size, turns: 1, side: options.patch };
+        let wanted =
+            Wanted { long_side: options.exemplar_size, turns: 1, side: options.patch, enlarged: still.map.enlarged() };
         let exemplar = stage(observer, "exemplar", 0, || Exemplar::of(scene, &still, &target, &wanted, observer))?;
         let run = Run { scene, still: &still, target: &target, exemplar: &exemplar, observer };
-        animate(&run, &options.recipe(scene.settings().output.seed), options.fade, sink)
+        animate(
+            &run,
+            &options.recipe(scene.settings().output.seed),
+            &Showing { fade: options.fade, shutter: options.shutter },
+            sink,
+        )
     }
 }

@@ -7,6 +7,7 @@ pub mod carry;
 pub mod chain;
 pub mod channels;
 pub mod database;
+pub mod detail;
 pub mod exemplar;
 pub mod exemplar_files;
 pub mod footage;

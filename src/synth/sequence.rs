@@ -2,19 +2,21 @@
 
 use std::collections::VecDeque;
 
-use super::Outcome;
 use super::chain::{Chain, Recipe, State};
+use super::detail::Detail;
 use super::exemplar::Exemplar;
 use super::record::{FrameRecord, RunRecord, SynthesisRecord, Timed};
+use super::{Outcome, memory};
 use crate::base::error::Result;
 use crate::base::observe::{self, Observer, Once, stage};
 use crate::flow::draw;
 use crate::flow::field::Field;
-use crate::raster::image::Rgb8;
+use crate::raster::image::{Plane, Rgb8};
 use crate::raster::premultiplied::Premultiplied;
 use crate::raster::resample::resize;
 use crate::render::fade::mixed;
 use crate::render::overlay::Overlay;
+use crate::render::streaks::streaked;
 use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
 use crate::video::clip::Sink;
@@ -34,23 +36,38 @@ pub struct Run<'a> {
     pub observer: &'a Timed<'a>,
 }
 
-/// Makes all frames and writes them; the last `fade` ones of a loop are faded into what leads to its first.
+/// How frames are shown.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Showing {
+    /// The last frames of a loop, which are faded into what leads to its first.
+    pub fade: usize,
+    /// Frames of exposure.
+    pub shutter: f32,
+}
+
+/// Makes all frames and writes them.
 ///
 /// # Errors
 /// An exemplar without patches, unreadable targets, a sink that fails, a cancel.
-pub fn animate(run: &Run, recipe: &Recipe, fade: usize, sink: &mut dyn Sink) -> Result<Outcome> {
+pub fn animate(run: &Run, recipe: &Recipe, showing: &Showing, sink: &mut dyn Sink) -> Result<Outcome> {
     let Run { scene, target, observer, .. } = *run;
+    memory::check(scene)?;
     let (output, wanted) = (scene.settings().output, scene.wanted_frames());
     let overlay = overlay(run)?;
     let once = Once::new(observer);
     let chain = stage(observer, "patches", 0, || Chain::new(recipe, run.exemplar, target, &once))?;
     let first = stage(observer, "first frame", 0, || chain.first())?;
     let frames = target.frames();
-    let fade = if target.loops() { fade.min(frames / 2) } else { 0 };
-    // What leads to the first frame is made backwards from it, so that the loop begins with the picture itself.
+    let fade = if target.loops() { showing.fade.min(frames / 2) } else { 0 };
     let mut made = vec![first.record.clone()];
-    let lead =
-        if wanted.end > frames - fade { lead(&chain, &first, fade, &mut made, observer)? } else { VecDeque::new() };
+    // What leads to the first frame is made backwards from it, so that the loop begins with the picture itself.
+    let lead = match wanted.end > frames - fade {
+        true => lead(&chain, &first, fade, observer)?,
+        false => VecDeque::new(),
+    };
+    made.extend(lead.iter().rev().map(|state| state.record.clone()));
+    let detail = if showing.shutter > 0.0 { None } else { detail(run, recipe) };
+    let show = Show { target, chain: &chain, shutter: showing.shutter, detail };
     let mut state = first;
     stage(observer, "frames", wanted.len() as u64, || {
         for t in 0..wanted.end {
@@ -62,12 +79,14 @@ pub fn animate(run: &Run, recipe: &Recipe, fade: usize, sink: &mut dyn Sink) -> 
             if t < wanted.start {
                 continue;
             }
-            let shown = closed(state.shown(), t, (frames, fade), &lead);
+            let coming = (t + fade).checked_sub(frames).and_then(|k| Some((lead.get(k)?, k)));
+            let coming = coming.map(|(state, k)| (state, (k + 1) as f32 / (fade + 1) as f32));
+            let shown = show.frame(&state, coming)?;
             if output.alpha {
-                let (colours, opacity) = overlay.alone(&shown);
+                let (colours, opacity) = overlay.alone(&shown.fluid, shown.detail.as_ref());
                 sink.push_with_alpha(&colours, &opacity)?;
             } else {
-                sink.push(&overlay.frame(&shown))?;
+                sink.push(&overlay.frame(&shown.fluid, shown.detail.as_ref()))?;
             }
             observer.advance("frames", 1);
         }
@@ -77,37 +96,67 @@ pub fn animate(run: &Run, recipe: &Recipe, fade: usize, sink: &mut dyn Sink) -> 
 }
 
 /// The `count` frames before the first, in order.
-fn lead(
-    chain: &Chain,
-    first: &State,
-    count: usize,
-    made: &mut Vec<FrameRecord>,
-    observer: &Timed,
-) -> Result<VecDeque<Premultiplied>> {
+fn lead(chain: &Chain, first: &State, count: usize, observer: &Timed) -> Result<VecDeque<State>> {
     stage(observer, "frames before the first", count as u64, || {
-        let (mut state, mut lead) = (first.clone(), VecDeque::with_capacity(count));
+        let mut lead: VecDeque<State> = VecDeque::with_capacity(count);
         for _ in 0..count {
             observe::check(observer)?;
-            state = chain.next(&state, true)?;
-            made.push(state.record.clone());
-            lead.push_front(state.shown());
+            lead.push_front(chain.next(lead.front().unwrap_or(first), true)?);
             observer.advance("frames before the first", 1);
         }
         Ok(lead)
     })
 }
 
-/// Frame `t` of a loop of `frames`, the last `fade` of which give way to what leads to the first.
-fn closed(
-    frame: Premultiplied,
-    t: usize,
-    (frames, fade): (usize, usize),
-    lead: &VecDeque<Premultiplied>,
-) -> Premultiplied {
-    match (t + fade).checked_sub(frames).and_then(|k| Some((k, lead.get(k)?))) {
-        Some((k, coming)) => mixed(coming, &frame, (k + 1) as f32 / (fade + 1) as f32),
-        None => frame,
+/// From what was synthesised to what is seen.
+struct Show<'a> {
+    target: &'a Target,
+    chain: &'a Chain<'a>,
+    shutter: f32,
+    detail: Option<Detail>,
+}
+
+/// A frame as it is seen.
+struct Shown {
+    /// At working size.
+    fluid: Premultiplied,
+    /// What is finer, at output size.
+    detail: Option<[Plane; 3]>,
+}
+
+impl Show<'_> {
+    /// A frame; near the end of a loop it gives way to another by a share.
+    fn frame(&self, state: &State, coming: Option<(&State, f32)>) -> Result<Shown> {
+        let here = self.alone(state)?;
+        let Some((other, share)) = coming else { return Ok(here) };
+        let there = self.alone(other)?;
+        let fluid = mixed(&there.fluid, &here.fluid, share);
+        // Fine detail of two frames is unlike: their sum keeps the contrast of one.
+        let norm = share.hypot(1.0 - share);
+        let sum = |a: &Plane, b: &Plane| {
+            let both = a.data.iter().zip(&b.data).map(|(a, b)| (share * a + (1.0 - share) * b) / norm);
+            Plane::from_vec(a.width, a.height, both.collect())
+        };
+        let detail = there.detail.zip(here.detail);
+        Ok(Shown { fluid, detail: detail.map(|(a, b)| std::array::from_fn(|c| sum(&a[c], &b[c]))) })
     }
+
+    fn alone(&self, state: &State) -> Result<Shown> {
+        let detail = self.detail.as_ref().zip(self.chain.atlas()).map(|(detail, atlas)| detail.of(state, atlas));
+        let mut fluid = state.shown();
+        if self.shutter > 0.0 {
+            let place = state.t.clamp(0, self.target.frames() as i64 - 1) as usize;
+            fluid = streaked(&fluid, &self.target.flow(place)?, self.shutter);
+        }
+        Ok(Shown { fluid, detail })
+    }
+}
+
+/// Detail finer than a working pixel; a shutter that is open for long leaves none.
+fn detail(run: &Run, recipe: &Recipe) -> Option<Detail> {
+    let Run { still, exemplar, .. } = *run;
+    let fine = exemplar.fine.as_ref()?;
+    Detail::new(fine, &exemplar.at(0), recipe.turned, (still.map.working, still.map.output))
 }
 
 /// What the fluid is laid over.

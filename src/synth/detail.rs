@@ -1,0 +1,105 @@
+//! Detail finer than a working pixel, for outputs that are larger: voted from the exemplar at its finer size, through the
+//! field that made the frame.
+
+use std::ops::Range;
+
+use super::carry::shown;
+use super::chain::State;
+use crate::base::par;
+use crate::patch::atlas::{Atlas, Place};
+use crate::patch::engine::Image;
+use crate::raster::image::Plane;
+use crate::raster::premultiplied::Premultiplied;
+use crate::raster::resample::resize;
+
+/// Output larger than the working image by less than this share has no detail of its own to show.
+const LEAST: f32 = 1.05;
+
+/// Alpha up to which colours are too faint to have detail.
+const FAINT: f32 = 0.1;
+
+/// What the exemplar has that its working size lacks, turned as its copies are.
+#[derive(Debug, Clone)]
+pub struct Detail {
+    /// Red, green and blue at the finer size, less their enlarged working size, times alpha; one image a turn.
+    turns: Vec<Vec<Plane>>,
+    /// Output pixels per working pixel, and finer pixels per pixel of the exemplar.
+    scale: (f32, f32),
+    output: (usize, usize),
+}
+
+impl Detail {
+    /// From an exemplar at its finer and at its working size, for frames of `output` made at `working`; `None` where the
+    /// output is hardly the larger.
+    pub fn new(
+        fine: &Premultiplied,
+        coarse: &Premultiplied,
+        turned: bool,
+        (working, output): ((usize, usize), (usize, usize)),
+    ) -> Option<Self> {
+        let scale = output.0 as f32 / working.0 as f32;
+        let (width, height) = fine.size();
+        if scale < LEAST || width <= coarse.size().0 {
+            return None;
+        }
+        let alpha = resize(coarse.alpha(), width, height);
+        let planes = (0..3).map(|c| {
+            let mut plane = fine.planes[c].clone();
+            let low = resize(&coarse.planes[c], width, height);
+            // Less the coarse colour under the fine alpha, or every outline would be a line of detail.
+            for (i, value) in plane.data.iter_mut().enumerate() {
+                let sure = alpha.data[i] > FAINT;
+                *value = if sure {
+                    *value - fine.alpha().data[i] * (low.data[i] / alpha.data[i]).clamp(0.0, 1.0)
+                } else {
+                    0.0
+                };
+            }
+            plane
+        });
+        let image = Image { planes: planes.collect(), blurred: None };
+        let turns = if turned { image.quarter_turns().map(|i| i.planes).to_vec() } else { vec![image.planes] };
+        Some(Self { turns, scale: (scale, width as f32 / coarse.size().0 as f32), output })
+    }
+
+    /// The detail of a frame at output size: that of the patches at the four working pixels around.
+    pub fn of(&self, state: &State, atlas: &Atlas) -> [Plane; 3] {
+        const ROWS: usize = 16;
+        let ((width, height), owed) = (self.output, shown(&state.owed));
+        let mut data = vec![0.0; width * height * 3];
+        par::for_each_chunk(&mut data, ROWS * width * 3, |k, rows| {
+            for (j, row) in rows.chunks_exact_mut(3 * width).enumerate() {
+                for (x, pixel) in row.chunks_exact_mut(3).enumerate() {
+                    let at = |v: usize| (v as f32 + 0.5) / self.scale.0;
+                    let (x, y) = (at(x), at(k * ROWS + j));
+                    let (u, v) = (owed.u.bilinear(x, y), owed.v.bilinear(x, y));
+                    self.pixel(state, atlas, (x - u, y - v), pixel);
+                }
+            }
+        });
+        std::array::from_fn(|c| Plane::from_vec(width, height, data.iter().skip(c).step_by(3).copied().collect()))
+    }
+
+    /// The detail at a place of the working image, pixel centres at ½.
+    fn pixel(&self, state: &State, atlas: &Atlas, (x, y): (f32, f32), out: &mut [f32]) {
+        let (width, height) = state.layer.size();
+        let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
+        for (column, row) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
+            let (cx, cy) = (left + column, top + row);
+            let weight = (1.0 - (x - 0.5 - cx).abs()) * (1.0 - (y - 0.5 - cy).abs());
+            let inside = |v: f32, range: Range<usize>| v >= 0.0 && range.contains(&(v as usize));
+            if weight <= 0.0 || !inside(cx, 0..width) || !inside(cy, 0..height) {
+                continue;
+            }
+            let cell = state.field.cells[cy as usize * width + cx as usize];
+            if cell.place == Place::NONE {
+                continue;
+            }
+            let (turn, sx, sy) = atlas.locate(cell.place);
+            let (fx, fy) = ((sx as f32 + x - cx) * self.scale.1, (sy as f32 + y - cy) * self.scale.1);
+            for (out, plane) in out.iter_mut().zip(&self.turns[turn]) {
+                *out += weight * plane.bilinear(fx, fy);
+            }
+        }
+    }
+}
