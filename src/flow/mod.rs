@@ -1,6 +1,7 @@
 //! Motion between frames, and motion as a person asks for it.
 
 pub mod draw;
+pub mod ensemble;
 pub mod field;
 pub mod io;
 pub mod orientation;

@@ -151,7 +151,7 @@ impl Synthesizer for Database {
         // A library cut short by somebody else while it is mapped must not be read any further.
         sources.packs.iter().try_for_each(|(_, pack)| pack.check_length())?;
         let apart = rendering::separate(&run, &placed)?;
-        let rendering = stage(observer, "prepare", 0, || Ok(rendering::prepare(&run, &placed, &mut clips, apart)))?;
+        let rendering = stage(observer, "prepare", 0, || rendering::prepare(&run, &placed, &mut clips, apart))?;
         frames::make(&run, &placed, &clips, &rendering, sink)?;
         outcome(&run, &placed, &clips, &rendering, &candidates, &labels)
     }

@@ -24,7 +24,7 @@ declare_options! {
         steady: f32 = 16.0, in 1, 200, "pixels", "methods §2.4";
         /// Differences coarser than this are left out: σ of a Gaussian.
         high_pass: f32 = 8.0, in 1, 200, "pixels", "methods §2.4";
-        /// Factor of the pieces' speed, where none is asked for: optical flow underestimates whitewater.
+        /// Factor of the speed that the pieces' texture is measured to have, where none is asked for.
         speed: f32 = 1.0, in 0, 10, "ratio", "methods §1.6";
     }
 }

@@ -28,6 +28,7 @@ pub mod rates;
 pub mod record;
 pub mod rendering;
 pub mod sequence;
+pub mod speeds;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;

@@ -6,6 +6,7 @@ use super::footage::Clip;
 use super::outline::{self, Outline};
 use super::pick::Choice;
 use super::placing::Placed;
+use super::speeds;
 use crate::base::error::Result;
 use crate::base::observe::Observer;
 use crate::raster::image::{Color, Plane, Rgb8};
@@ -105,7 +106,10 @@ pub fn separate(run: &Run, placed: &Placed) -> Result<Option<Apart>> {
 }
 
 /// Weights, gains, recovered image: what all frames share. The clips' contrasts serve here for the last time.
-pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apart>) -> Rendering {
+///
+/// # Errors
+/// A damaged pack, a cancel.
+pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apart>) -> Result<Rendering> {
     let Options { shutter, blur, recovery: amount, .. } = *run.options;
     let Run { still, .. } = *run;
     let matched = matched_contrast(run, placed, clips);
@@ -130,14 +134,21 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
         base: recovered.luma(),
         matte: still.working_matte.clone(),
     };
-    let compositor = travelling(run, compositor(still, apart.as_ref(), &recovered), apart.as_ref(), &motion);
+    let compositor = compositor(still, apart.as_ref(), &recovered);
+    let compositor = match run.carrying {
+        None => drifting(run, compositor, &motion),
+        Some(options) => {
+            let flow = base_flow::flow(still, &speeds::measure(run, placed)?, options.speed * run.pace());
+            compositor.carrying(matte, &options.carry(&flow, &run.scene.settings().output))
+        }
+    };
     let (outline, run_in, background) = match apart {
         None => (Outline::fixed(&still.working_matte), 0, None),
         Some(Apart { layers, made, tau }) => {
             (Outline::new(&layers, &target.base, tau, run.options.flicker), Boundary::run_in(tau), made)
         }
     };
-    Rendering { motion, blender, target, compositor, outline, run_in, background }
+    Ok(Rendering { motion, blender, target, compositor, outline, run_in, background })
 }
 
 fn matched_contrast(run: &Run, placed: &Placed, clips: &[Clip]) -> Match {
@@ -168,13 +179,8 @@ pub fn compositor(still: &Still, apart: Option<&Apart>, recovered: &Color) -> Co
     }
 }
 
-/// Lets the picture travel, or what is finer in it than a working pixel, where that is wanted.
-fn travelling(run: &Run, compositor: Compositor, apart: Option<&Apart>, motion: &AssignedMotion) -> Compositor {
-    if let Some(options) = run.carrying {
-        let matte = apart.map_or(&run.still.working_matte, Apart::reach);
-        let flow = base_flow::flow(run.still, motion, options.speed * run.pace());
-        return compositor.carrying(matte, &options.carry(&flow, &run.scene.settings().output));
-    }
+/// Lets detail finer than a working pixel travel, where that is wanted.
+fn drifting(run: &Run, compositor: Compositor, motion: &AssignedMotion) -> Compositor {
     if !run.options.drift {
         return compositor;
     }
