@@ -7,7 +7,7 @@
 use super::MethodEntry;
 use super::database::{self, Database};
 use crate::base::error::Result;
-use crate::base::options::{Declared, Table, Value, declare_options, refuse_unknown};
+use crate::base::options::{Declared, Table, declare_options, refuse_unknown};
 use crate::flow::field::Field;
 use crate::render::carry::Carry;
 use crate::render::layout::BANDS;
@@ -23,17 +23,15 @@ declare_options! {
         /// Light and shade of the picture coarser than this stay in their place: σ of a Gaussian.
         steady: f32 = 16.0, in 1, 200, "pixels", "methods §2.4";
         /// Differences coarser than this are left out: σ of a Gaussian.
-        high_pass: f32 = 8.0, in 1, 200, "pixels", "methods §2.4";
+        high_pass: f32 = 12.0, in 1, 200, "pixels", "methods §2.4";
         /// Factor of the speed that the pieces' texture is measured to have, where none is asked for.
-        speed: f32 = 1.0, in 0, 10, "ratio", "methods §1.6";
+        pace: f32 = 1.0, in 0, 10, "ratio", "methods §1.6";
     }
 }
 
 /// Options of the database method that mean nothing where the picture is carried.
 const UNSHARED: [&str; 8] =
     ["shutter", "blur", "recovery", "coarse", "appearance", "regions", "appearance_gain", "drift"];
-/// Share of the picture's contrast that its pieces bring, when nobody says otherwise: the rest is the picture's own.
-const STRENGTH: f64 = 0.7;
 
 /// Registry entry.
 pub const ENTRY: MethodEntry = MethodEntry {
@@ -59,9 +57,7 @@ fn known(name: &str) -> bool {
 
 fn declared() -> Vec<Declared> {
     let shared = database::Options::declared().into_iter().filter(|d| known(d.name));
-    let defaults =
-        |d: Declared| if d.name == "strength" { Declared { default: Value::Number(STRENGTH), ..d } } else { d };
-    Options::declared().into_iter().chain(shared.map(defaults)).collect()
+    Options::declared().into_iter().chain(shared).collect()
 }
 
 /// The hybrid's own options and those of the stages it shares.
@@ -69,9 +65,8 @@ fn read(table: &Table) -> Result<(Options, database::Options)> {
     let names: Vec<&str> = declared().iter().map(|d| d.name).collect();
     refuse_unknown(ENTRY.name, table.keys().map(String::as_str), &names)?;
     let own_names: Vec<&str> = Options::declared().iter().map(|d| d.name).collect();
-    let (own, mut shared): (Table, Table) =
+    let (own, shared): (Table, Table) =
         table.clone().into_iter().partition(|(name, _)| own_names.contains(&name.as_str()));
-    shared.entry("strength".to_owned()).or_insert(Value::Number(STRENGTH));
     let shared = database::Options::from_table_of(ENTRY.name, &shared)?.checked(ENTRY.name)?;
     Ok((Options::from_table(&own)?, database::Options { appearance: 0.0, ..shared }))
 }
@@ -89,5 +84,32 @@ impl Options {
     pub fn carry<'a>(&self, flow: &'a Field, output: &Output) -> Carry<'a> {
         let &Self { life, fade, steady, .. } = self;
         Carry { flow, frames: output.length(), fps: output.fps, life, fade, steady, seed: output.seed }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::base::options::Value;
+
+    #[test]
+    fn every_option_has_a_name_of_its_own_and_keeps_its_value() {
+        let names: BTreeSet<&str> = declared().iter().map(|d| d.name).collect();
+        assert_eq!(names.len(), declared().len());
+        for option in declared() {
+            let complete = (ENTRY.complete)(&Table::new()).unwrap();
+            assert_eq!(complete[option.name], option.default, "{}", option.name);
+        }
+        let table = [("pace", 2.0), ("speed", 0.3)].map(|(name, v)| (name.to_owned(), Value::Number(v)));
+        let (own, shared) = read(&(ENTRY.complete)(&table.into_iter().collect()).unwrap()).unwrap();
+        assert_eq!((own.pace, shared.speed), (2.0, 0.3));
+    }
+
+    #[test]
+    fn coarse_bands_are_left_out() {
+        let passed = Options { high_pass: 8.0, ..Options::default() }.high_pass();
+        assert!(passed[0] > 0.99 && passed[4] < 0.3 && passed.windows(2).all(|pair| pair[0] >= pair[1]), "{passed:?}");
     }
 }

@@ -138,7 +138,7 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
     let compositor = match run.carrying {
         None => drifting(run, compositor, &motion),
         Some(options) => {
-            let flow = base_flow::flow(still, &speeds::measure(run, placed)?, options.speed * run.pace());
+            let flow = base_flow::flow(still, &speeds::measure(run, placed)?, options.pace * run.pace());
             compositor.carrying(matte, &options.carry(&flow, &run.scene.settings().output))
         }
     };
