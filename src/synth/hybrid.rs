@@ -21,7 +21,7 @@ declare_options! {
         /// Share of that time in which the old and the new are seen together.
         fade: f32 = 0.5, in 0.1, 1, "ratio", "Holynski 2021, §4.2";
         /// Light and shade of the picture coarser than this stay in their place: σ of a Gaussian.
-        steady: f32 = 16.0, in 1, 200, "pixels", "methods §2.4";
+        steady: f32 = 4.0, in 1, 200, "pixels", "methods §2.4";
         /// Differences coarser than this are left out: σ of a Gaussian.
         high_pass: f32 = 12.0, in 1, 200, "pixels", "methods §2.4";
         /// Factor of the speed that the pieces' texture is measured to have, where none is asked for.
