@@ -1,15 +1,16 @@
-//! How fast patches are searched, and where the time of a frame goes.
+//! How fast patches are searched, where the time of a frame goes, and how near its energy is to the best.
 //!
-//! `cargo run --release --example patch_speed [-- THREADS [ten]]` (2 threads)
+//! `cargo run --release --example patch_speed`
 //!
 //! First PatchMatch alone: 5 × 5 patches of six channels, one million pixels against one million, four sweeps. Then
-//! LazyFluids' channels: frames of 1024 × 1024 pixels from an exemplar of 512 × 512, each from the one before; with `ten` the
-//! last once more with ten times the rounds. Inputs are made up; with the environment variable ENLIVEN_DATA also
-//! `exemplars/fire.png` there.
+//! LazyFluids' channels: frames of 1024 × 1024 pixels from an exemplar of 512 × 512, each from the one before: the time of
+//! a frame on one thread and on two in turns, the rounds of each level, and the energy over that of ten times the rounds.
+//! The exemplar is made up; with the environment variable ENLIVEN_DATA also `exemplars/fire.png` and
+//! `exemplars/volcano-smoke.jpg` there.
 
 use std::time::Instant;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, ensure};
 use enliven::base::observe::Silent;
 use enliven::base::par;
 use enliven::base::rng::{hash, unit};
@@ -25,26 +26,29 @@ use enliven::raster::picture_io::read_picture;
 use enliven::raster::resample::resize;
 use rustix::time::{ClockId, clock_gettime};
 
-/// Frames of a sequence.
+/// Frames of a sequence; the first starts from nothing and does not count.
 const FRAMES: usize = 3;
+/// Exemplars that may be there.
+const REAL: [&str; 2] = ["fire.png", "volcano-smoke.jpg"];
 
 fn main() -> Result<()> {
-    let threads = std::env::args().nth(1).map_or(Ok(2), |a| a.parse()).context("the number of threads")?;
-    let ten = std::env::args().nth(2).is_some_and(|a| a == "ten");
-    par::with_threads(threads, || {
-        bare();
-        lazyfluids("made up", &made_up(512, 1), ten)?;
-        if let Some(folder) = std::env::var_os("ENLIVEN_DATA") {
-            let path = std::path::Path::new(&folder).join("exemplars/fire.png");
+    on(2, bare)?;
+    lazyfluids("made up", &made_up(512, 1), true)?;
+    if let Some(folder) = std::env::var_os("ENLIVEN_DATA") {
+        for name in REAL {
+            let path = std::path::Path::new(&folder).join("exemplars").join(name);
             let picture = read_picture(&path).with_context(|| path.display().to_string())?;
-            let colour = picture.rgb.to_color();
-            let planes = colour.planes.each_ref().map(|p| resize(p, 512, 512));
-            let alpha = planes[0].map(|r| (r * 1.5).min(1.0));
-            let [red, green, blue] = planes;
-            lazyfluids("fire", &[red, green, blue, alpha], ten)?;
+            let [red, green, blue] = picture.rgb.to_color().planes.each_ref().map(|p| resize(p, 512, 512));
+            let alpha = red.map(|r| (r * 1.5).min(1.0));
+            lazyfluids(name, &[red, green, blue, alpha], false)?;
         }
-        Ok(())
-    })?
+    }
+    Ok(())
+}
+
+/// Runs `work` on so many threads.
+fn on<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T> {
+    Ok(par::with_threads(threads, work)?)
 }
 
 /// CPU seconds of the process and seconds of the clock that `work` takes.
@@ -175,41 +179,65 @@ fn carried(planes: &[Plane]) -> Vec<Plane> {
     planes.iter().map(turn).collect()
 }
 
-fn lazyfluids(name: &str, exemplar: &[Plane; 4], ten: bool) -> Result<()> {
+/// A sequence; with `alone` every frame is made on one thread too.
+fn lazyfluids(name: &str, exemplar: &[Plane; 4], alone: bool) -> Result<()> {
     let side = 1024;
     let alpha = &made_up(side, 9)[3];
     let settings = Settings { rule: Rule::Uniform, ..Settings::default() };
     let engine = Engine::new(Layout::new(2, channels())?, settings.clone());
     let images = [image(&exemplar[..], &exemplar[3], &exemplar[..])];
-    let (source, cpu, wall) = timed(|| engine.source(&images));
-    let source = source?;
-    println!("\n{name}: source {cpu:.2} s of CPU, {wall:.2} s");
-    let mut last: Option<Vec<Plane>> = None;
-    let mut field: Option<Nnf> = None;
+    let source = on(2, || engine.source(&images))??;
+    println!("\n{name}");
+    let mut last: Option<(Target, Frame)> = None;
+    let mut seconds = [0.0; 2];
     for number in 0..FRAMES {
-        let before = match &last {
-            None => (0..4).map(|c| noise(side, 7 + c, 1.0).map(|v| 0.5 + 0.1 * v)).collect(),
-            Some(planes) => carried(planes),
-        };
-        let modulation = last.is_none().then(|| Plane::zeros(side, side));
-        let previous = field.as_ref().map(|f| f.carried(turned));
-        let kept = last.as_ref().map(|_| Plane::filled(side, side, 1.0));
-        let target = Target { modulation, kept, previous, ..Target::new(image(&before, alpha, &before)) };
-        let (frame, cpu, wall) = timed(|| engine.frame(&source, &target, &Silent));
+        let target = next(side, alpha, last.as_ref().map(|(_, frame)| frame));
+        let (frame, cpu, wall) = on(2, || timed(|| engine.frame(&source, &target, &Silent)))?;
         let frame = frame?;
         print(&format!("frame {number}: {cpu:.2} s of CPU, {wall:.2} s"), &frame);
-        if number + 1 == FRAMES && ten {
-            let (coarse, fine) = settings.iterations;
-            let many = Settings { iterations: (10 * coarse, 10 * fine), tolerance: 0.0, ..settings.clone() };
-            let engine = Engine::new(engine.layout().clone(), many);
-            let (long, cpu, wall) = timed(|| engine.frame(&source, &target, &Silent));
-            let long = long?;
-            print(&format!("  ten times the rounds: {cpu:.2} s of CPU, {wall:.2} s"), &long);
-            println!("  energy over that of ten times the rounds: {:.3}", last_energy(&frame) / last_energy(&long));
+        if number > 0 {
+            seconds[1] += wall;
         }
-        field = Some(frame.nnf);
-        last = Some(frame.planes);
+        if number > 0 && alone {
+            let (one, cpu, wall) = on(1, || timed(|| engine.frame(&source, &target, &Silent)))?;
+            println!("  on one thread: {cpu:.2} s of CPU, {wall:.2} s");
+            ensure!(one?.planes == frame.planes, "one thread made another frame");
+            seconds[0] += wall;
+        }
+        last = Some((target, frame));
     }
+    println!("  steady state: {:.2} s a frame on two threads", seconds[1] / (FRAMES - 1) as f64);
+    if alone {
+        println!("  two threads are {:.2} times as fast as one", seconds[0] / seconds[1]);
+    }
+    let (target, frame) = last.context("no frame")?;
+    longer(&engine, settings, &images, &target, &frame)
+}
+
+/// What the frame after `last` is made from.
+fn next(side: usize, alpha: &Plane, last: Option<&Frame>) -> Target {
+    let before = match last {
+        None => (0..4).map(|c| noise(side, 7 + c, 1.0).map(|v| 0.5 + 0.1 * v)).collect(),
+        Some(frame) => carried(&frame.planes),
+    };
+    let modulation = last.is_none().then(|| Plane::zeros(side, side));
+    let previous = last.map(|frame| frame.nnf.carried(turned));
+    let kept = last.map(|_| Plane::filled(side, side, 1.0));
+    Target { modulation, kept, previous, ..Target::new(image(&before, alpha, &before)) }
+}
+
+/// The same frame with ten times the rounds, and how its energy compares.
+fn longer(engine: &Engine, settings: Settings, images: &[Image], target: &Target, frame: &Frame) -> Result<()> {
+    let (coarse, fine) = settings.iterations;
+    let many = Settings { iterations: (10 * coarse, 10 * fine), tolerance: 0.0, ..settings };
+    let engine = Engine::new(engine.layout().clone(), many);
+    let (long, cpu, wall) = on(2, || {
+        let source = engine.source(images)?;
+        let (frame, cpu, wall) = timed(|| engine.frame(&source, target, &Silent));
+        frame.map(|frame| (frame, cpu, wall))
+    })??;
+    println!("  with ten times the rounds: {cpu:.2} s of CPU, {wall:.2} s");
+    println!("  energy over that with ten times the rounds: {:.3}", last_energy(frame) / last_energy(&long));
     Ok(())
 }
 
@@ -220,17 +248,18 @@ fn last_energy(frame: &Frame) -> f64 {
 fn print(title: &str, frame: &Frame) {
     println!("{title}");
     for level in &frame.levels {
-        let energies: Vec<String> =
-            level.energies.iter().map(|e| format!("{:.4}", e / level.patches.1 as f64)).collect();
+        let each = |energy: Option<&f64>| energy.copied().unwrap_or(f64::NAN) / level.patches.1 as f64;
         println!(
-            "    {:4} x {:4}, {:7} patches from {:7}: search {:.3} s, vote {:.3} s; energies a patch {}",
+            "    {:4} x {:4}, {:6} patches from {:6}: {:2} rounds, search {:.3} s, vote {:.3} s; energy a patch {:.4} to {:.4}",
             level.size.0,
             level.size.1,
             level.patches.1,
             level.patches.0,
+            level.energies.len(),
             level.searching,
             level.voting,
-            energies.join(" ")
+            each(level.energies.first()),
+            each(level.energies.last())
         );
     }
 }

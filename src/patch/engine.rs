@@ -161,7 +161,7 @@ impl Engine {
             let before = report.energies.last().copied().unwrap_or(f64::INFINITY);
             report.energies.push(energy);
             let start = Instant::now();
-            level.vote(nnf, rules);
+            level.overshoot(nnf, rules);
             report.voting += start.elapsed().as_secs_f64();
             if energy >= before * (1.0 - self.settings.tolerance) {
                 break;

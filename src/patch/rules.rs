@@ -75,6 +75,11 @@ impl Rules {
         }
     }
 
+    /// Whether pixels are means, all patches counting alike.
+    pub fn blends(&self) -> bool {
+        self.manner == Manner::Mean
+    }
+
     /// What is voted after a search; before the first one, the mean of the field.
     pub fn vote<'a>(&'a self, level: &'a Level, nnf: &'a Nnf) -> Vote<'a> {
         Vote {
