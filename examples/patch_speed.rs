@@ -18,12 +18,13 @@ use enliven::patch::channels::{Channel, Layout, Role, Stack};
 use enliven::patch::engine::{Engine, Frame, Image, Settings, Target};
 use enliven::patch::nnf::Nnf;
 use enliven::patch::patch_match::{Search, Steps, Sweep};
-use enliven::patch::rules::Rule;
 use enliven::patch::segments::{Patches, Thresholds, labels};
 use enliven::raster::filter::gaussian;
 use enliven::raster::image::Plane;
 use enliven::raster::picture_io::read_picture;
 use enliven::raster::resample::resize;
+use enliven::synth::chain::Recipe;
+use enliven::synth::lazyfluids::Options;
 use rustix::time::{ClockId, clock_gettime};
 
 /// Frames of a sequence; the first starts from nothing and does not count.
@@ -183,7 +184,7 @@ fn carried(planes: &[Plane]) -> Vec<Plane> {
 fn lazyfluids(name: &str, exemplar: &[Plane; 4], alone: bool) -> Result<()> {
     let side = 1024;
     let alpha = &made_up(side, 9)[3];
-    let settings = Settings { rule: Rule::Uniform, ..Settings::default() };
+    let Recipe { settings, keep, .. } = Options::default().recipe(false, 1);
     let engine = Engine::new(Layout::new(2, channels())?, settings.clone());
     let images = [image(&exemplar[..], &exemplar[3], &exemplar[..])];
     let source = on(2, || engine.source(&images))??;
@@ -191,7 +192,7 @@ fn lazyfluids(name: &str, exemplar: &[Plane; 4], alone: bool) -> Result<()> {
     let mut last: Option<(Target, Frame)> = None;
     let mut seconds = [0.0; 2];
     for number in 0..FRAMES {
-        let target = next(side, alpha, last.as_ref().map(|(_, frame)| frame));
+        let target = next(side, alpha, last.as_ref().map(|(_, frame)| frame), keep);
         let (frame, cpu, wall) = on(2, || timed(|| engine.frame(&source, &target, &Silent)))?;
         let frame = frame?;
         print(&format!("frame {number}: {cpu:.2} s of CPU, {wall:.2} s"), &frame);
@@ -215,14 +216,14 @@ fn lazyfluids(name: &str, exemplar: &[Plane; 4], alone: bool) -> Result<()> {
 }
 
 /// What the frame after `last` is made from.
-fn next(side: usize, alpha: &Plane, last: Option<&Frame>) -> Target {
+fn next(side: usize, alpha: &Plane, last: Option<&Frame>, keep: f32) -> Target {
     let before = match last {
         None => (0..4).map(|c| noise(side, 7 + c, 1.0).map(|v| 0.5 + 0.1 * v)).collect(),
         Some(frame) => carried(&frame.planes),
     };
     let modulation = last.is_none().then(|| Plane::zeros(side, side));
     let previous = last.map(|frame| frame.nnf.carried(turned));
-    let kept = last.map(|_| Plane::filled(side, side, 1.0));
+    let kept = last.map(|_| Plane::filled(side, side, keep));
     Target { modulation, kept, previous, ..Target::new(image(&before, alpha, &before)) }
 }
 

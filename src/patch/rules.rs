@@ -75,9 +75,9 @@ impl Rules {
         }
     }
 
-    /// Whether pixels are means, all patches counting alike.
+    /// Whether pixels are means by weights that do not depend on how well patches fit.
     pub fn blends(&self) -> bool {
-        self.manner == Manner::Mean
+        matches!(self.manner, Manner::Mean | Manner::Centred)
     }
 
     /// What is voted after a search; before the first one, the mean of the field.

@@ -4,6 +4,6 @@ pub mod contact_sheet;
 pub mod gallery;
 pub mod measured;
 mod page;
-mod plot;
+pub mod plot;
 pub mod run;
 mod run_page;

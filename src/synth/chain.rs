@@ -37,6 +37,8 @@ pub struct Recipe {
     pub turned: bool,
     /// Weight of the frame before at every pixel, in patches; 0: it has none of its own.
     pub anchor: f32,
+    /// How much of the frame before every level starts from, in [0, 1]; the rest comes from the coarser level.
+    pub keep: f32,
     /// Whether the field of the frame before is offered to the search.
     pub carries_field: bool,
 }
@@ -157,7 +159,7 @@ impl<'a> Chain<'a> {
         let anchor = (self.recipe.anchor > 0.0).then(|| self.anchor(&before, &coherence));
         let target = Start {
             image: self.image(&start, &alpha, &before),
-            kept: Some(coherence.clone()),
+            kept: Some(coherence.map(|c| c * self.recipe.keep)),
             modulation: Some(coherence),
             anchor,
             previous: self.recipe.carries_field.then(|| state.field.carried(|x, y| carry.position(x, y))),
@@ -189,10 +191,18 @@ impl<'a> Chain<'a> {
         // Robust votes are powers of whole-number distances; one of distance 1 is what the anchor counts in.
         let vote = match self.recipe.settings.manner {
             Manner::Robust => f64::from(layout.to_distance(1.0)).powf(-0.6) as f32,
-            Manner::Mean | Manner::Discrete => 1.0,
+            Manner::Mean | Manner::Centred | Manner::Discrete => 1.0,
         };
         let weight = coherence.map(|c| c * self.recipe.anchor * vote);
         Anchor { planes: before.planes[..synthesised].to_vec(), weight }
+    }
+
+    /// What the patches of frame `t` are taken from.
+    ///
+    /// # Errors
+    /// An exemplar frame without patches.
+    pub fn source_at(&self, t: i64) -> Result<Cow<'_, Source>> {
+        self.source_of(t, t - 1)
     }
 
     fn source_of(&self, t: i64, before: i64) -> Result<Cow<'_, Source>> {

@@ -81,6 +81,7 @@ impl Options {
             settings,
             turned: false,
             anchor: self.lambda * (self.patch * self.patch) as f32,
+            keep: 1.0,
             carries_field: false,
         }
     }

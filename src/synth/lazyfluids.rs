@@ -12,8 +12,9 @@ use crate::base::options::declare_options;
 use crate::patch::channels::Role;
 use crate::patch::engine::Settings;
 use crate::patch::rules::Rule;
+use crate::patch::vote::Manner;
 use crate::patch::segments::Thresholds;
-use crate::scene::scene::Scene;
+use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
 use crate::video::clip::Sink;
 
@@ -41,6 +42,11 @@ declare_options! {
         /// How much the picture's own fluid keeps its place: weight of a pixel's position, in long sides of the picture, and
         /// of the brightness around it.
         place: f32 = 3.0, in 0, 20, "ratio", "ours";
+        /// How much of the frame before every level starts from, where the exemplar is not the picture's own fluid: less looks
+        /// crisper and boils more.
+        keep: f32 = 0.75, in 0, 1, "ratio", "ours";
+        /// How the patches over a pixel make it.
+        vote: Manner = Manner::Centred, in 0, 3, "", "Wexler et al. 2007; ours";
         /// How far around.
         around: f32 = 12.0, in 1, 200, "pixels", "ours";
         /// Long side of the exemplar; 0 shrinks it until it has no more fluid than the target, so that all of it is used.
@@ -98,9 +104,17 @@ impl Options {
         Channels::new(all, self.r / 2.0, self.around)
     }
 
-    fn recipe(&self, own: bool, seed: u64) -> Recipe {
+    /// What the exemplar is wanted for.
+    pub fn wanted(&self, still: &Still) -> Wanted {
+        let Self { exemplar_size: long_side, rotations: turns, patch: side, .. } = *self;
+        Wanted { long_side, turns, side, enlarged: still.map.enlarged() }
+    }
+
+    /// How the engine is used, for the picture's `own` fluid or another exemplar.
+    pub fn recipe(&self, own: bool, seed: u64) -> Recipe {
         let settings = Settings {
             rule: self.nnf,
+            manner: self.vote,
             iterations: (2 * self.iterations, self.iterations),
             thresholds: Thresholds { lower: self.l, upper: self.u },
             seed,
@@ -112,6 +126,7 @@ impl Options {
             settings,
             turned: self.rotations == 4,
             anchor: 0.0,
+            keep: if own { 1.0 } else { self.keep },
             carries_field: true,
         }
     }
@@ -123,12 +138,7 @@ impl Synthesizer for LazyFluids {
         let still = stage(observer, "read picture", 0, || scene.still(observer))?;
         let target = Target::of(scene, &still)?;
         target.note(observer);
-        let wanted = Wanted {
-            long_side: options.exemplar_size,
-            turns: options.rotations,
-            side: options.patch,
-            enlarged: still.map.enlarged(),
-        };
+        let wanted = options.wanted(&still);
         let exemplar = stage(observer, "exemplar", 0, || Exemplar::of(scene, &still, &target, &wanted, observer))?;
         let recipe = options.recipe(exemplar.own, scene.settings().output.seed);
         let run = Run { scene, still: &still, target: &target, exemplar: &exemplar, observer };
