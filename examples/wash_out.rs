@@ -24,8 +24,8 @@ use enliven::flow::io;
 use enliven::flow::tv_l1::{Params, TvL1};
 use enliven::patch::atlas::{Atlas, Place};
 use enliven::patch::nnf::Nnf;
-use enliven::patch::segments::NO_PATCH;
 use enliven::patch::rules::Rule;
+use enliven::patch::segments::NO_PATCH;
 use enliven::raster::filter::gaussian;
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::picture_io::{read_picture, write_grey_png, write_png};
@@ -106,9 +106,19 @@ fn main() -> Result<()> {
 }
 
 /// All rules on one exemplar.
-fn case(name: &str, exemplar: &Path, target: &TargetFile, rules: &[&str], frames: usize, given: &Table, folder: &Path) -> Result<()> {
+fn case(
+    name: &str,
+    exemplar: &Path,
+    target: &TargetFile,
+    rules: &[&str],
+    frames: usize,
+    given: &Table,
+    folder: &Path,
+) -> Result<()> {
     println!("\n{name}, {frames} frames");
-    println!("rule           sharpness at {SHOWN:?}  | entropy  uses     | warp error  direction | not of the exemplar");
+    println!(
+        "rule           sharpness at {SHOWN:?}  | entropy  uses     | warp error  direction | not of the exemplar"
+    );
     let mut runs = Vec::new();
     for rule in rules {
         let run = run(exemplar, target, rule, frames, given)?;
