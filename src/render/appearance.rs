@@ -7,6 +7,8 @@
 //! over the loop (one's own for every frame would flicker), only from inside the matte, and are interpolated between the
 //! centres of regions (each for itself would show as a grid).
 
+use std::borrow::Cow;
+
 use super::layout::BANDS;
 use crate::base::par;
 use crate::raster::filter::gaussian;
@@ -37,11 +39,18 @@ pub struct Matching {
     pub max_gain: f32,
 }
 
+/// Luma of one frame, at working size.
+#[derive(Debug, Clone)]
+pub struct Sample<'a> {
+    /// What differences are added to; outside the matte what is inside must go on ([`spread`]).
+    pub base: Cow<'a, Plane>,
+    /// The differences.
+    pub differences: Plane,
+}
+
 /// Learned curves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Appearance {
-    /// Luma of the still image that differences are added to; spread outwards outside the matte.
-    base: Plane,
     /// The matte at every band.
     mattes: Vec<Plane>,
     region: usize,
@@ -50,9 +59,8 @@ pub struct Appearance {
 }
 
 impl Appearance {
-    /// Learns from the luma of the picture, what frames add their differences to, and the differences of some frames
-    /// spread over the loop; all planes at working size.
-    pub fn learn(picture: &Plane, base: &Plane, matte: &Plane, samples: &[Plane], matching: &Matching) -> Self {
+    /// Learns from the luma of the picture and from some frames spread over the loop; all planes at working size.
+    pub fn learn(picture: &Plane, matte: &Plane, samples: &[Sample], matching: &Matching) -> Self {
         let mut mattes = vec![matte.clone()];
         (1..BANDS).for_each(|k| mattes.push(reduce(&mattes[k - 1])));
         let picture = spread(picture, matte);
@@ -60,7 +68,7 @@ impl Appearance {
         let size = (matte.width.div_ceil(matching.region).max(1), matte.height.div_ceil(matching.region).max(1));
         let bands = wanted.iter().map(|b| Curves::identity(size, extent(b))).collect();
         let pixels = Curves::identity(size, (0.0, 1.0));
-        let mut out = Self { base: spread(base, matte), mattes, region: matching.region, bands, pixels };
+        let mut out = Self { mattes, region: matching.region, bands, pixels };
         for _ in 0..ROUNDS {
             let made = par::map(samples.len(), |i| out.detailed(&samples[i]));
             let bands = par::map(BANDS, |k| {
@@ -82,19 +90,19 @@ impl Appearance {
     }
 
     /// The differences of one frame, matched; where the matte is 0 they stay as they are.
-    pub fn apply(&self, differences: &Plane) -> Plane {
-        let mut luma = self.collapsed(differences);
+    pub fn apply(&self, sample: &Sample) -> Plane {
+        let mut luma = self.collapsed(sample);
         self.pixels.apply(&mut luma, &self.mattes[0], self.scale(0));
         let matte = &self.mattes[0];
-        let pixels = luma.data.iter().zip(&self.base.data).zip(&matte.data).zip(&differences.data);
+        let pixels = luma.data.iter().zip(&sample.base.data).zip(&matte.data).zip(&sample.differences.data);
         let data = pixels.map(|(((l, b), m), d)| if *m > 0.0 { l - b } else { *d }).collect();
         Plane::from_vec(luma.width, luma.height, data)
     }
 
     /// A frame's bands after their curves, and its rest.
-    fn detailed(&self, differences: &Plane) -> (Vec<Plane>, Plane) {
-        let mut luma = self.base.clone();
-        for ((l, d), m) in luma.data.iter_mut().zip(&differences.data).zip(&self.mattes[0].data) {
+    fn detailed(&self, sample: &Sample) -> (Vec<Plane>, Plane) {
+        let mut luma = Plane::clone(&sample.base);
+        for ((l, d), m) in luma.data.iter_mut().zip(&sample.differences.data).zip(&self.mattes[0].data) {
             *l += if *m > 0.0 { *d } else { 0.0 };
         }
         let (mut bands, rest) = laplacian(&luma, BANDS);
@@ -104,8 +112,8 @@ impl Appearance {
         (bands, rest)
     }
 
-    fn collapsed(&self, differences: &Plane) -> Plane {
-        let (bands, rest) = self.detailed(differences);
+    fn collapsed(&self, sample: &Sample) -> Plane {
+        let (bands, rest) = self.detailed(sample);
         collapse(&bands, Some(&rest))
     }
 
@@ -128,7 +136,7 @@ fn extent(plane: &Plane) -> (f32, f32) {
 }
 
 /// The plane inside the matte, and outside of it a blur of what is inside.
-fn spread(plane: &Plane, matte: &Plane) -> Plane {
+pub fn spread(plane: &Plane, matte: &Plane) -> Plane {
     const FAINT: f32 = 1e-4;
     let inside =
         Plane::from_vec(plane.width, plane.height, plane.data.iter().zip(&matte.data).map(|(p, m)| p * m).collect());
@@ -289,15 +297,17 @@ mod tests {
     }
 
     /// A picture of rising contrast, a flat base, differences of constant contrast, a matte without its left quarter.
-    fn learn(amount: f32, change_outside: f32) -> (Appearance, Vec<Plane>, Plane) {
+    fn learn(amount: f32, change_outside: f32) -> (Appearance, Vec<Sample<'static>>, Plane) {
         let outside = |x: usize, v: f32| if x < SIZE / 4 { v + change_outside } else { v };
         let rising = noise(1, |x| 0.1 + 0.3 * x as f32 / SIZE as f32);
         let picture = Plane::from_fn(SIZE, SIZE, |x, y| outside(x, 0.5 + rising.at(x, y)));
         let matte = Plane::from_fn(SIZE, SIZE, |x, _| if x < SIZE / 4 { 0.0 } else { 1.0 });
         let base = Plane::from_fn(SIZE, SIZE, |x, _| outside(x, 0.5));
-        let differences: Vec<Plane> = (0..8).map(|t| noise(100 + t, |_| 0.2)).collect();
+        let base = spread(&base, &matte);
+        let sample = |t: u64| Sample { base: Cow::Owned(base.clone()), differences: noise(100 + t, |_| 0.2) };
+        let samples: Vec<Sample> = (0..8).map(sample).collect();
         let matching = Matching { amount, region: 32, max_gain: 2.0 };
-        (Appearance::learn(&picture, &base, &matte, &differences, &matching), differences, picture)
+        (Appearance::learn(&picture, &matte, &samples, &matching), samples, picture)
     }
 
     fn contrast(plane: &Plane, columns: std::ops::Range<usize>) -> f32 {
@@ -307,12 +317,12 @@ mod tests {
 
     #[test]
     fn frames_get_the_pictures_contrast_place_by_place() {
-        let (appearance, differences, picture) = learn(1.0, 0.0);
-        let matched = appearance.apply(&differences[3]);
+        let (appearance, samples, picture) = learn(1.0, 0.0);
+        let matched = appearance.apply(&samples[3]);
         let still = picture.map(|v| v - 0.5);
         for columns in [40..56, 72..88, 104..120] {
             let wanted = contrast(&still, columns.clone());
-            let (before, after) = (contrast(&differences[3], columns.clone()), contrast(&matched, columns));
+            let (before, after) = (contrast(&samples[3].differences, columns.clone()), contrast(&matched, columns));
             assert!(
                 (after / wanted - 1.0).abs() < 0.5 * (before / wanted - 1.0).abs().max(0.2),
                 "{before} {after} {wanted}"
@@ -322,17 +332,17 @@ mod tests {
 
     #[test]
     fn nothing_outside_the_matte_counts_or_changes() {
-        let ((a, differences, _), (b, ..)) = (learn(1.0, 0.0), learn(1.0, 0.3));
-        let (a, b) = (a.apply(&differences[0]), b.apply(&differences[0]));
+        let ((a, samples, _), (b, others, _)) = (learn(1.0, 0.0), learn(1.0, 0.3));
+        let (a, b) = (a.apply(&samples[0]), b.apply(&others[0]));
         assert_eq!(a, b);
-        assert!((0..SIZE).all(|y| a.row(y)[..SIZE / 4] == differences[0].row(y)[..SIZE / 4]));
+        assert!((0..SIZE).all(|y| a.row(y)[..SIZE / 4] == samples[0].differences.row(y)[..SIZE / 4]));
     }
 
     #[test]
     fn no_amount_changes_nothing_and_gains_are_bounded() {
-        let (none, differences, _) = learn(0.0, 0.0);
-        let same = none.apply(&differences[0]);
-        assert!(same.data.iter().zip(&differences[0].data).all(|(a, b)| (a - b).abs() < 1e-5));
+        let (none, samples, _) = learn(0.0, 0.0);
+        let same = none.apply(&samples[0]);
+        assert!(same.data.iter().zip(&samples[0].differences.data).all(|(a, b)| (a - b).abs() < 1e-5));
         let (all, ..) = learn(1.0, 0.0);
         for curves in &all.bands {
             for (i, offset) in curves.offsets.iter().enumerate() {
@@ -345,9 +355,9 @@ mod tests {
 
     #[test]
     fn neither_a_grid_nor_flicker() {
-        let (appearance, differences, _) = learn(1.0, 0.0);
+        let (appearance, samples, _) = learn(1.0, 0.0);
         let mean = |p: &Plane| contrast(p, 40..120);
-        let matched: Vec<Plane> = differences.iter().map(|d| appearance.apply(d)).collect();
+        let matched: Vec<Plane> = samples.iter().map(|s| appearance.apply(s)).collect();
         let means: Vec<f32> = matched.iter().map(mean).collect();
         let (low, high) = means.iter().fold((f32::MAX, 0.0f32), |(l, h), m| (l.min(*m), h.max(*m)));
         assert!(high < 1.03 * low, "{low} {high}");

@@ -72,22 +72,24 @@ pub struct Carried {
     periods: usize,
     frames: usize,
     resizer: Resizer,
+    /// Luma of the detail, at working size.
+    luma: Plane,
 }
 
 impl Carried {
-    /// Carries `texels` of an output of `size`; `detail` is their luma at working size and `matte` where fluid is.
-    pub fn new(texels: Vec<Texel>, size: (usize, usize), detail: &Plane, matte: &Plane, carry: &Carry) -> Self {
+    /// Carries `texels` of an output of `size`; `luma` is that of theirs at working size and `matte` where fluid is.
+    pub fn new(texels: Vec<Texel>, size: (usize, usize), luma: Plane, matte: &Plane, carry: &Carry) -> Self {
         let &Carry { frames, fade, .. } = carry;
         let periods = carry.periods(matte);
         let flow = inside(carry.flow, matte);
         let period = frames as f32 / periods as f32;
         let trajectories = Trajectories::trace(&flow, period * (0.5 + 0.5 * fade));
         let mirror = Mirror::new(matte);
-        let alike = alike(detail, matte, &mirror, &trajectories, period);
+        let alike = alike(&luma, matte, &mirror, &trajectories, period);
         let cells = trajectories.size();
         let phases = (0..cells.0 * cells.1).map(|i| phase(carry.seed, i % cells.0, i / cells.0)).collect();
         let resizer = Resizer::new(cells, size);
-        Self { size, texels, trajectories, mirror, phases, alike, fade, periods, frames, resizer }
+        Self { size, texels, trajectories, mirror, phases, alike, fade, periods, frames, resizer, luma }
     }
 
     /// What all of frame `t` shares.
@@ -143,7 +145,8 @@ impl Carry<'_> {
     /// How many periods the loop has, so that none is longer than wanted and most detail strays no farther than
     /// [`STRAY`].
     fn periods(&self, matte: &Plane) -> usize {
-        let inside = |(s, m): (&f32, &f32)| (*m > 0.5).then_some(*s);
+        let most = matte.data.iter().fold(0.0f32, |most, m| most.max(*m));
+        let inside = |(s, m): (&f32, &f32)| (*m >= 0.5 * most).then_some(*s);
         let mut speeds: Vec<f32> = self.flow.magnitude().data.iter().zip(&matte.data).filter_map(inside).collect();
         let fast = match speeds.len() {
             0 => 0.0,
@@ -200,6 +203,21 @@ impl Moment<'_> {
             row(carried, (x.start, y), rows, matte, out.each_mut().map(|c| &mut c[j * width..][..width]));
         }
         out
+    }
+
+    /// Luma of the detail at working size, as if there were fluid everywhere.
+    pub fn luma(&self) -> Plane {
+        let Carried { mirror, luma, .. } = self.carried;
+        let (width, height) = mirror.size();
+        let sized = |plane: &Plane| resize(plane, width, height);
+        let copies = self.copies.each_ref().map(|c| [sized(&c.u), sized(&c.v), sized(&c.share)]);
+        Plane::from_fn(width, height, |x, y| {
+            let seen = |[u, v, share]: &[Plane; 3]| {
+                let (px, py) = mirror.place(x as f32 + 0.5 + u.at(x, y), y as f32 + 0.5 + v.at(x, y));
+                share.at(x, y) * luma.bilinear(px, py)
+            };
+            copies.iter().map(seen).sum()
+        })
     }
 }
 
@@ -294,7 +312,7 @@ mod tests {
         let (frames, fps) = (48, 25.0);
         let carry = Carry { flow, frames, fps, life, fade: 0.5, steady: 16.0, seed: 1 };
         let texels = (0..SIZE.0 * SIZE.1).map(|i| [(texel(i % SIZE.0, i / SIZE.0) * STEPS) as i16; 4]).collect();
-        let mut carried = Carried::new(texels, SIZE, &Plane::from_fn(SIZE.0, SIZE.1, texel), matte, &carry);
+        let mut carried = Carried::new(texels, SIZE, Plane::from_fn(SIZE.0, SIZE.1, texel), matte, &carry);
         carried.phases.fill(0.0);
         carried
     }
@@ -352,7 +370,7 @@ mod tests {
         let carry = Carry { flow: &flow, frames: 20, fps: 25.0, life: 20.0, fade: 0.5, steady: 16.0, seed: 1 };
         let outside = matte.map(|m| 1.0 - m);
         let texels = outside.data.iter().map(|o| [(o * STEPS) as i16; 4]).collect();
-        let carried = Carried::new(texels, SIZE, &outside, &matte, &carry);
+        let carried = Carried::new(texels, SIZE, outside.clone(), &matte, &carry);
         for t in 0..20 {
             let [red, ..] = carried.at(t).window(0..SIZE.0, 0..SIZE.1, &[255; SIZE.0 * SIZE.1]);
             for (i, v) in red.iter().enumerate().filter(|(i, _)| i % SIZE.0 + i / SIZE.0 / 3 > 64) {

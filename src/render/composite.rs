@@ -51,8 +51,9 @@ pub struct Compositor {
     outline: Option<Plane>,
     /// Detail finer than a working pixel, where it travels.
     drift: Option<Drift>,
-    /// The picture without its coarse light and shade, where that is carried along a flow.
-    carried: Option<Carried>,
+    /// The picture without its coarse light and shade, where that is carried along a flow, and the luma of these at
+    /// working size.
+    carried: Option<(Carried, Plane)>,
 }
 
 /// What travels in a frame besides the differences.
@@ -156,7 +157,7 @@ impl Compositor {
     pub fn frame(&self, t: usize, differences: &Plane, boundary: &Plane) -> Rgb8 {
         let mut out = self.picture.clone();
         let shown = self.outline.as_ref().map(|matte| Shown::new(boundary, matte));
-        let moment = self.carried.as_ref().map(|carried| carried.at(t));
+        let moment = self.carried.as_ref().map(|(carried, _)| carried.at(t));
         self.each_strip(&mut out.data, 3, |strip, rows| {
             let colours = strip.colours(&self.resizer, differences, self.travelling(t, &moment));
             match (&strip.behind, &shown) {
@@ -178,7 +179,7 @@ impl Compositor {
     pub fn fluid(&self, t: usize, differences: &Plane, boundary: &Plane) -> (Rgb8, Vec<u8>) {
         let opacity = self.opacity(boundary);
         let mut out = Rgb8::black(self.picture.width, self.picture.height);
-        let moment = self.carried.as_ref().map(|carried| carried.at(t));
+        let moment = self.carried.as_ref().map(|(carried, _)| carried.at(t));
         self.each_strip(&mut out.data, 3, |strip, rows| {
             let colours = strip.colours(&self.resizer, differences, self.travelling(t, &moment));
             strip.write(rows, self.picture.width, |i| Some(colours.each_ref().map(|c| c[i])));

@@ -66,7 +66,7 @@ impl Synthesizer for Advect {
             observer.note("the outline does not move, so the background is not seen");
         }
         let (fluid, matte) = match &apart {
-            Some(apart) => (apart.fluid(), apart.reach()),
+            Some(apart) => (apart.fluid(), apart.matte()),
             None => (&still.working, &still.working_matte),
         };
         let carried = stage(observer, "prepare", 0, || {

@@ -14,7 +14,6 @@ use crate::base::observe::{self, Observer, stage};
 use crate::base::par;
 use crate::raster::image::Plane;
 use crate::render::appearance::Appearance;
-use crate::render::blend::Blender;
 use crate::render::composite::Compositor;
 use crate::scene::scene::Scene;
 use crate::video::clip::Sink;
@@ -87,14 +86,17 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
     let first = rendering.run_in.next_multiple_of(output.length());
     let start = if rendering.run_in == 0 { first + wanted.start } else { first - rendering.run_in };
     let (first, end) = (first + wanted.start, first + wanted.end);
-    let matched = stage(observer, "appearance", 0, || {
-        learn(&rendering.target, &rendering.blender, &streams, (output.length(), block), observer)
-    })?;
+    let matched = stage(observer, "appearance", 0, || learn(rendering, &streams, (output.length(), block), observer))?;
     let make = |b: usize| {
         let frames: Vec<usize> = (start + b * block..(start + (b + 1) * block).min(end)).collect();
         let levels = bands_of(&streams, &frames, observer)?;
-        let blended = |i: usize| rendering.blender.frame(&levels[i]);
-        Ok(par::map(levels.len(), |i| matched.as_ref().map_or_else(|| blended(i), |m| m.apply(&blended(i)))))
+        Ok(par::map(levels.len(), |i| {
+            let blended = rendering.blender.frame(&levels[i]);
+            match &matched {
+                None => blended,
+                Some(curves) => curves.apply(&rendering.sample(frames[i] % output.length(), blended)),
+            }
+        }))
     };
     let mut outline = rendering.outline.clone();
     let mut writer = Writer { compositor: &rendering.compositor, alpha: output.alpha, sink, observer };
@@ -148,13 +150,13 @@ fn stagger(clip: usize) -> f64 {
 /// The curves that bring `frames` frames of the loop to the picture, where that is wanted; learned on some of them, made
 /// `block` at a time.
 fn learn(
-    target: &Target,
-    blender: &Blender,
+    rendering: &Rendering,
     streams: &[Stream],
     (frames, block): (usize, usize),
     observer: &Timed,
 ) -> Result<Option<Appearance>> {
-    if target.matching.amount == 0.0 {
+    let Target { matching, picture, matte, .. } = &rendering.target;
+    if matching.amount == 0.0 {
         return Ok(None);
     }
     let count = MATCHED.min(frames);
@@ -162,9 +164,9 @@ fn learn(
     let mut samples = Vec::with_capacity(count);
     for block in sampled.chunks(block) {
         let levels = bands_of(streams, block, observer)?;
-        samples.extend(par::map(block.len(), |i| blender.frame(&levels[i])));
+        samples.extend(par::map(block.len(), |i| rendering.sample(block[i], rendering.blender.frame(&levels[i]))));
     }
-    Ok(Some(Appearance::learn(&target.picture, &target.base, &target.matte, &samples, &target.matching)))
+    Ok(Some(Appearance::learn(picture, matte, &samples, matching)))
 }
 
 /// Puts frames together and hands them on.

@@ -24,14 +24,16 @@ declare_options! {
         steady: f32 = 4.0, in 1, 200, "pixels", "methods §2.4";
         /// Differences coarser than this are left out: σ of a Gaussian.
         high_pass: f32 = 12.0, in 1, 200, "pixels", "methods §2.4";
+        /// Contrast of the pieces' part relative to what the picture's contrast and the clip's still part leave for it; the
+        /// rest is the picture's own detail. More changes more, and is less sharp.
+        strength: f32 = 0.7, in 0, 4, "ratio", "methods §2.4";
         /// Factor of the speed that the pieces' texture is measured to have, where none is asked for.
         pace: f32 = 1.0, in 0, 10, "ratio", "methods §1.6";
     }
 }
 
-/// Options of the database method that mean nothing where the picture is carried.
-const UNSHARED: [&str; 8] =
-    ["shutter", "blur", "recovery", "coarse", "appearance", "regions", "appearance_gain", "drift"];
+/// Options of the database method that mean nothing where the picture is carried, and one that has another default here.
+const UNSHARED: [&str; 6] = ["shutter", "blur", "recovery", "coarse", "drift", "strength"];
 
 /// Registry entry.
 pub const ENTRY: MethodEntry = MethodEntry {
@@ -43,7 +45,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     options: declared,
     complete: |table| {
         let (own, shared) = read(table)?;
-        Ok(own.to_table().into_iter().chain(shared.to_table()).filter(|(name, _)| known(name)).collect())
+        Ok(own.to_table().into_iter().chain(shared.to_table().into_iter().filter(|(name, _)| known(name))).collect())
     },
     build: |table| {
         let (own, shared) = read(table)?;
@@ -68,7 +70,9 @@ fn read(table: &Table) -> Result<(Options, database::Options)> {
     let (own, shared): (Table, Table) =
         table.clone().into_iter().partition(|(name, _)| own_names.contains(&name.as_str()));
     let shared = database::Options::from_table_of(ENTRY.name, &shared)?.checked(ENTRY.name)?;
-    Ok((Options::from_table(&own)?, database::Options { appearance: 0.0, ..shared }))
+    let own = Options::from_table(&own)?;
+    let shared = database::Options { strength: own.strength, ..shared };
+    Ok((own, shared))
 }
 
 impl Options {
@@ -102,9 +106,10 @@ mod tests {
             let complete = (ENTRY.complete)(&Table::new()).unwrap();
             assert_eq!(complete[option.name], option.default, "{}", option.name);
         }
-        let table = [("pace", 2.0), ("speed", 0.3)].map(|(name, v)| (name.to_owned(), Value::Number(v)));
+        let table =
+            [("pace", 2.0), ("speed", 0.3), ("strength", 0.4)].map(|(name, v)| (name.to_owned(), Value::Number(v)));
         let (own, shared) = read(&(ENTRY.complete)(&table.into_iter().collect()).unwrap()).unwrap();
-        assert_eq!((own.pace, shared.speed), (2.0, 0.3));
+        assert_eq!((own.pace, shared.speed, shared.strength), (2.0, 0.3, 0.4));
     }
 
     #[test]

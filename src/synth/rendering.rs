@@ -1,5 +1,7 @@
 //! What all frames of a run share: weights, gains, the recovered picture, the outline before the first frame.
 
+use std::borrow::Cow;
+
 use super::base_flow;
 use super::database::{Options, Run};
 use super::footage::Clip;
@@ -10,7 +12,7 @@ use super::speeds;
 use crate::base::error::Result;
 use crate::base::observe::Observer;
 use crate::raster::image::{Color, Plane, Rgb8};
-use crate::render::appearance::Matching;
+use crate::render::appearance::{Matching, Sample, spread};
 use crate::render::blend::Blender;
 use crate::render::boundary::Boundary;
 use crate::render::composite::Compositor;
@@ -39,13 +41,21 @@ pub struct Rendering {
     pub background: Option<Rgb8>,
 }
 
+impl Rendering {
+    /// Luma of frame `t` of the loop, which has these differences.
+    pub fn sample(&self, t: usize, differences: Plane) -> Sample<'_> {
+        let base = self.compositor.carried_luma(t).map_or(Cow::Borrowed(&self.target.base), Cow::Owned);
+        Sample { base, differences }
+    }
+}
+
 /// What frames should look like, and what they start from; planes at working size.
 pub struct Target {
     /// How far frames are brought to the picture.
     pub matching: Matching,
     /// Luma of the picture's fluid.
     pub picture: Plane,
-    /// Luma of the recovered average.
+    /// Luma of the recovered average, spread outwards outside the matte.
     pub base: Plane,
     /// The picture's matte.
     pub matte: Plane,
@@ -75,9 +85,10 @@ impl Apart {
         &self.layers.fluid
     }
 
-    /// Where the fluid may come, 0 to 1, at working size.
-    pub fn reach(&self) -> &Plane {
-        &self.layers.reach
+    /// Where the fluid is, 0 to 1, at working size. Around it, where it may come, its colours are drawn out from its edge
+    /// and have no detail to carry.
+    pub fn matte(&self) -> &Plane {
+        &self.layers.matte
     }
 }
 
@@ -128,10 +139,11 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
     let shares = std::array::from_fn(|band| placed.layout.spread(|i| matched.shares[i][band]));
     let recovered = make_room(&recovered, fluid, matte, &shares);
     let blender = Blender::new(&placed.layout, &matched.gains);
+    let luma = recovered.luma();
     let target = Target {
         matching: matching(run.options),
         picture: fluid.luma(),
-        base: recovered.luma(),
+        base: spread(&luma, &still.working_matte),
         matte: still.working_matte.clone(),
     };
     let compositor = compositor(still, apart.as_ref(), &recovered);
@@ -139,13 +151,14 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
         None => drifting(run, compositor, &motion),
         Some(options) => {
             let flow = base_flow::flow(still, &speeds::measure(run, placed)?, options.pace * run.pace());
-            compositor.carrying(matte, &options.carry(&flow, &run.scene.settings().output))
+            let fluid = apart.as_ref().map_or(&still.working_matte, Apart::matte);
+            compositor.carrying(fluid, &options.carry(&flow, &run.scene.settings().output))
         }
     };
     let (outline, run_in, background) = match apart {
         None => (Outline::fixed(&still.working_matte), 0, None),
         Some(Apart { layers, made, tau }) => {
-            (Outline::new(&layers, &target.base, tau, run.options.flicker), Boundary::run_in(tau), made)
+            (Outline::new(&layers, &luma, tau, run.options.flicker), Boundary::run_in(tau), made)
         }
     };
     Ok(Rendering { motion, blender, target, compositor, outline, run_in, background })

@@ -24,10 +24,19 @@ impl Compositor {
                 texels[y * size.0..][strip.x.clone()].copy_from_slice(part);
             }
         }
-        let mut detail = base.luma();
-        detail.data.iter_mut().zip(&steady.luma().data).for_each(|(d, s)| *d -= s);
-        self.carried = Some(Carried::new(texels, size, &detail, matte, carry));
+        let (mut detail, steady) = (base.luma(), steady.luma());
+        detail.data.iter_mut().zip(&steady.data).for_each(|(d, s)| *d -= s);
+        self.carried = Some((Carried::new(texels, size, detail, matte, carry), steady));
         self
+    }
+
+    /// Luma at working size of what the differences of frame `t` are added to, where a picture is carried; outside the
+    /// fluid as if there were more of it.
+    pub fn carried_luma(&self, t: usize) -> Option<Plane> {
+        let (carried, steady) = self.carried.as_ref()?;
+        let mut luma = carried.at(t).luma();
+        luma.data.iter_mut().zip(&steady.data).for_each(|(l, s)| *l += s);
+        Some(luma)
     }
 
     /// Colours without differences, at working size.
