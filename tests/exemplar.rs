@@ -183,3 +183,21 @@ fn larger_videos_have_the_detail_of_the_exemplar() {
     assert_eq!((frames[3].width, frames[3].height), SIZE);
     assert!(sharp(&frames[3]) > 0.6 * sharp(&whole), "{} of {}", sharp(&frames[3]), sharp(&whole));
 }
+#[test]
+fn the_fluid_moves_as_fast_as_is_asked() {
+    let stage = Stage::new();
+    for speed in [0.25, 0.5, 1.0, 3.0] {
+        let strokes = format!(r#"{{"strokes": [{{"points": [[86, 4], [86, 92]], "speed": {speed}}}]}}"#);
+        std::fs::write(stage.path("s.json"), strokes).unwrap();
+        let scene = format!("{LAZY}[motion]\nstrokes = 's.json'\n[output]\nframes = 24\n[lazyfluids]\nfade = 6\n");
+        let (frames, _) = stage.run(&scene).unwrap();
+        // Over eight frames, half way down the fluid, which way down is most alike?
+        let (first, last) = (frames[4].luma(), frames[12].luma());
+        let apart = |down: usize| -> f32 {
+            let rows = (34..88).flat_map(|y| (56..120).map(move |x| (x, y)));
+            rows.map(|(x, y)| (last.at(x, y) - first.at(x, y - down)).powi(2)).sum()
+        };
+        let best = (0..32).min_by(|&a, &b| apart(a).total_cmp(&apart(b))).unwrap();
+        assert!((best as f32 / 8.0 / speed - 1.0).abs() < 0.3, "{speed}: {best} pixels in 8 frames");
+    }
+}

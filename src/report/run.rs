@@ -12,12 +12,13 @@ use crate::synth::Outcome;
 use crate::synth::record::RunRecord;
 
 /// Everything that [`write`] may write into its folder.
-pub const FILES: [&str; 10] = [
+pub const FILES: [&str; 11] = [
     "index.html",
     "summary.json",
     "contact-sheet.png",
     "assignment.png",
     "motion.png",
+    "exemplar.png",
     "background.png",
     "orientation.png",
     "speed.png",

@@ -76,7 +76,7 @@ pub struct Chain<'a> {
     /// Where the exemplar is the same in all frames.
     source: Option<Source>,
     /// The fluid's surroundings, where patches know them.
-    around: Option<Plane>,
+    around: Option<[Plane; 3]>,
     opaque: bool,
 }
 

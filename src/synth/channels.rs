@@ -19,10 +19,8 @@ pub enum Content {
     Blurred,
     /// Red, green, blue or alpha of the frame before, carried to this one.
     Before(usize),
-    /// Luma of the fluid around the pixel, for a fluid that keeps its place.
-    Around,
-    /// Where the pixel is, along x or y, in long sides of the image.
-    Place(usize),
+    /// Red, green or blue of the fluid around the pixel, for a fluid that keeps its place.
+    Around(usize),
 }
 
 /// The channels of a method, in the engine's order.
@@ -45,7 +43,7 @@ pub struct Parts<'a> {
     /// The frame before.
     pub before: &'a Premultiplied,
     /// The fluid's surroundings, where they are a channel.
-    pub around: Option<&'a Plane>,
+    pub around: Option<&'a [Plane; 3]>,
     /// Whether there is no outline: everything with any fluid is inside.
     pub whole: bool,
     /// Whether the exemplar is opaque all over, so that alpha tells nothing.
@@ -67,8 +65,7 @@ impl Channels {
             Content::Now(c) => COLOURS[c].to_owned(),
             Content::Blurred => "blurred alpha".to_owned(),
             Content::Before(c) => format!("{} before", COLOURS[c]),
-            Content::Around => "luma around".to_owned(),
-            Content::Place(c) => ["across", "down"][c].to_owned(),
+            Content::Around(c) => format!("{} around", COLOURS[c]),
         };
         Layout::new(radius, self.all.iter().map(|&(c, w, role)| Channel::new(&name(c), w, role)).collect())
     }
@@ -80,11 +77,11 @@ impl Channels {
 
     /// Whether patches know their surroundings.
     pub fn need_surroundings(&self) -> bool {
-        self.all.iter().any(|(c, ..)| *c == Content::Around)
+        self.all.iter().any(|(c, ..)| matches!(c, Content::Around(_)))
     }
 
     /// The surroundings of a frame, where they are needed.
-    pub fn surroundings(&self, frame: &Premultiplied) -> Option<Plane> {
+    pub fn surroundings(&self, frame: &Premultiplied) -> Option<[Plane; 3]> {
         self.need_surroundings().then(|| surroundings(frame, self.around))
     }
 
@@ -94,16 +91,12 @@ impl Channels {
         let blurred = if parts.whole { blurred.map(|b| if b > lower { 1.0 } else { 0.0 }) } else { blurred };
         let solid = Plane::filled(blurred.width, blurred.height, 1.0);
         let (now, before) = (&parts.now.planes, &parts.before.planes);
-        let long = blurred.width.max(blurred.height) as f32;
         let plane = |&(content, ..): &(Content, f32, Role)| match content {
             Content::Now(3) | Content::Blurred if parts.opaque => solid.clone(),
             Content::Now(c) => now[c].clone(),
             Content::Blurred => blurred.clone(),
             Content::Before(c) => before[c].clone(),
-            Content::Around => parts.around.map_or_else(|| solid.clone(), Plane::clone),
-            Content::Place(axis) => {
-                Plane::from_fn(solid.width, solid.height, |x, y| [x as f32 / long, y as f32 / long][axis])
-            }
+            Content::Around(c) => parts.around.map_or_else(|| solid.clone(), |around| around[c].clone()),
         };
         Image { planes: self.all.iter().map(plane).collect(), blurred: Some(blurred) }
     }

@@ -189,12 +189,12 @@ fn fitted(frames: Frames, most: f64) -> Frames {
     frames.shrunk(side.max(LEAST.min(long)))
 }
 
-/// Mean luma of the fluid around every pixel.
-pub fn surroundings(frame: &Premultiplied, sigma: f32) -> Plane {
-    let [red, green, blue, alpha] = &frame.planes;
-    let luma = |i: usize| 0.2126 * red.data[i] + 0.7152 * green.data[i] + 0.0722 * blue.data[i];
-    let luma = Plane::from_vec(alpha.width, alpha.height, (0..alpha.data.len()).map(luma).collect());
-    let (mut mean, weight) = par::join(|| gaussian(&luma, sigma), || gaussian(alpha, sigma));
-    mean.data.iter_mut().zip(&weight.data).for_each(|(m, w)| *m = if *w > 1e-4 { *m / w } else { 0.0 });
-    mean
+/// Mean colour of the fluid around every pixel.
+pub fn surroundings(frame: &Premultiplied, sigma: f32) -> [Plane; 3] {
+    let blurred = par::map(4, |c| gaussian(&frame.planes[c], sigma));
+    let weight = &blurred[3].data;
+    std::array::from_fn(|c| {
+        let mean = blurred[c].data.iter().zip(weight).map(|(m, w)| if *w > 1e-4 { *m / w } else { 0.0 });
+        Plane::from_vec(blurred[c].width, blurred[c].height, mean.collect())
+    })
 }

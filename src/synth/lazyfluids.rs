@@ -39,16 +39,15 @@ declare_options! {
         rotations: usize = 1, in 1, 4, "turns", "LazyFluids 2015, Fig. 8";
         /// Most rounds of search and vote on the finest level; the coarsest has twice as many.
         iterations: usize = 20, in 1, 1000, "rounds", "methods §2.2";
-        /// How much the picture's own fluid keeps its place: weight of a pixel's position, in long sides of the picture, and
-        /// of the brightness around it.
-        place: f32 = 3.0, in 0, 20, "ratio", "ours";
+        /// How much the picture's own fluid keeps its place: weight of the mean colour of the fluid around a pixel.
+        place: f32 = 4.0, in 0, 20, "ratio", "ours";
+        /// How far around.
+        around: f32 = 12.0, in 1, 200, "pixels", "ours";
         /// How much of the frame before every level starts from, where the exemplar is not the picture's own fluid: less looks
         /// crisper and boils more.
         keep: f32 = 0.75, in 0, 1, "ratio", "ours";
         /// How the patches over a pixel make it.
         vote: Manner = Manner::Centred, in 0, 3, "", "Wexler et al. 2007; ours";
-        /// How far around.
-        around: f32 = 12.0, in 1, 200, "pixels", "ours";
         /// Long side of the exemplar; 0 shrinks it until it has no more fluid than the target, so that all of it is used.
         /// It is never enlarged.
         exemplar_size: usize = 0, in 0, 4096, "pixels", "ours";
@@ -93,13 +92,13 @@ impl Options {
 
     /// The channels of Eq. 8 with the weights of Eq. 9; the picture's own fluid also keeps its place.
     fn channels(&self, own: bool) -> Channels {
-        use Content::{Around, Before, Blurred, Now, Place};
+        use Content::{Around, Before, Blurred, Now};
         let mut all: Vec<(Content, f32, Role)> = (0..3).map(|c| (Now(c), 1.0, Role::Synthesised)).collect();
         all.extend([(Now(3), 3.0, Role::Synthesised), (Blurred, self.eta, Role::Guide)]);
         all.extend((0..3).map(|c| (Before(c), self.lambda, Role::Modulated)));
         all.push((Before(3), 3.0 * self.lambda, Role::Modulated));
         if own && self.place > 0.0 {
-            all.extend([Around, Place(0), Place(1)].map(|content| (content, self.place, Role::Guide)));
+            all.extend((0..3).map(|c| (Around(c), self.place, Role::Guide)));
         }
         Channels::new(all, self.r / 2.0, self.around)
     }
