@@ -64,6 +64,7 @@ pub fn compare(known: &[Known], arguments: &Arguments) -> Result<()> {
     for clip in known {
         println!("{:17} {:9} {:7.1}", clip.name, "floor", 1000.0 * clip.floor.dynamics);
         println!("{:17} {:9} {:7.1}", "", "frozen", 1000.0 * clip.frozen.dynamics);
+        println!("{}", real(clip));
         let mut best: Option<(f64, &str)> = None;
         for method in &arguments.method {
             let row = row(clip, method, arguments)?;
@@ -90,6 +91,12 @@ struct Row {
     /// Sharpness, colour, loop, flicker and warp error, see [`MEASURES`].
     values: [f64; 5],
     seconds: f64,
+}
+
+/// The clip itself, by the measures beside the distances.
+fn real(clip: &Known) -> Row {
+    let (method, distances) = ("real".to_owned(), clip.floor);
+    Row { method, distances, scores: clip.scores(distances), values: values(&clip.target, &clip.target), seconds: 0.0 }
 }
 
 /// Measures beside the distances, and factors they are printed with.
