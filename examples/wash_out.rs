@@ -41,6 +41,7 @@ use enliven::simulate::setup::Setup;
 use enliven::synth::chain::{Chain, State};
 use enliven::synth::exemplar::Exemplar;
 use enliven::synth::lazyfluids::Options;
+use enliven::synth::sequence::PatchMethod;
 
 /// Side of exemplars and targets, pixels.
 const SIDE: usize = 256;
@@ -251,17 +252,10 @@ fn detail(frame: &Premultiplied, pixels: &[(usize, usize)]) -> f64 {
 /// Root mean square difference of a frame and the one before carried along the motion.
 fn unexplained(before: &Premultiplied, now: &Premultiplied, flow: &Field, pixels: &[(usize, usize)]) -> f64 {
     let (before, now) = (before.on_black().luma(), now.on_black().luma());
-    let carried = |x: usize, y: usize| sample(&before, x as f32 - flow.u.at(x, y), y as f32 - flow.v.at(x, y));
+    let place = |x: usize, d: f32| x as f32 + 0.5 - d;
+    let carried = |x: usize, y: usize| before.bilinear(place(x, flow.u.at(x, y)), place(y, flow.v.at(x, y)));
     let squared = |&(x, y): &(usize, usize)| f64::from(now.at(x, y) - carried(x, y)).powi(2);
     (pixels.iter().map(squared).sum::<f64>() / pixels.len() as f64).sqrt()
-}
-
-fn sample(plane: &Plane, x: f32, y: f32) -> f32 {
-    let (x0, y0) = (x.floor(), y.floor());
-    let (fx, fy) = (x - x0, y - y0);
-    let value = |dx: isize, dy: isize| plane.clamped(x0 as isize + dx, y0 as isize + dy);
-    let row = |dy: isize| value(0, dy) + fx * (value(1, dy) - value(0, dy));
-    row(0) + fy * (row(1) - row(0))
 }
 
 /// Sum of the angles between measured and asked motion, weighted by the asked speed, and of the weights.

@@ -1,5 +1,8 @@
 //! Methods that borrow looks from an exemplar: which exemplars, which patches, what motion, what is refused.
 
+#[path = "common/keep.rs"]
+mod keep;
+
 use std::path::PathBuf;
 
 use enliven::base::error::{Error, Result};
@@ -10,22 +13,7 @@ use enliven::raster::image::{Color, Plane, Rgb8};
 use enliven::raster::picture_io::{write_grey_png, write_png};
 use enliven::scene::scene::{Scene, open};
 use enliven::synth::{Outcome, run};
-use enliven::video::clip::Sink;
-
-/// Keeps the frames.
-#[derive(Default)]
-struct Keep(Vec<Rgb8>);
-
-impl Sink for Keep {
-    fn push(&mut self, frame: &Rgb8) -> Result<()> {
-        self.0.push(frame.clone());
-        Ok(())
-    }
-
-    fn finish(self: Box<Self>) -> Result<()> {
-        Ok(())
-    }
-}
+use keep::Keep;
 
 /// Coloured soft noise.
 fn texture(width: usize, height: usize, seed: u64) -> Rgb8 {

@@ -2,6 +2,8 @@
 //! cancel, and options named when they are wrong.
 
 mod common;
+#[path = "common/keep.rs"]
+mod keep;
 
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -17,21 +19,7 @@ use enliven::scene::scene::{Scene, open};
 use enliven::synth::record::NodeRecord;
 use enliven::synth::{Outcome, REGISTRY, run};
 use enliven::video::clip::Sink;
-
-/// Keeps the frames.
-#[derive(Default)]
-struct Keep(Vec<Rgb8>);
-
-impl Sink for Keep {
-    fn push(&mut self, frame: &Rgb8) -> Result<()> {
-        self.0.push(frame.clone());
-        Ok(())
-    }
-
-    fn finish(self: Box<Self>) -> Result<()> {
-        Ok(())
-    }
-}
+use keep::Keep;
 
 /// A folder with a small library, a picture and a matte whose left third is still.
 struct Stage {

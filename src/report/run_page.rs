@@ -11,12 +11,16 @@ use crate::scene::file;
 use crate::synth::record::{AssignmentRecord, RunRecord};
 
 /// What the pictures of a run show, by name.
-const CAPTIONS: [(&str, &str); 7] = [
+const CAPTIONS: [(&str, &str); 8] = [
     (
         "assignment",
         "Which clip moves what: its colour, its number in the table, its share. Shades of a colour are pieces that do not continue each other.",
     ),
-    ("motion", "Mean motion of the pieces: red right, yellow-green down, cyan left, violet up; white is still."),
+    (
+        "motion",
+        "Motion that is aimed at, the mean of the pieces' where there are any: red right, yellow-green down, cyan left, violet up; white is still.",
+    ),
+    ("exemplar", "What the looks are borrowed from, at the size it was used, over black."),
     ("orientation", "Direction of the motion, as --orientation reads it."),
     ("speed", "Speed of the motion, as --speed reads it."),
     ("asked-orientation", "Direction asked for, by strokes or a map."),

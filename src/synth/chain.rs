@@ -2,10 +2,10 @@
 
 use std::borrow::Cow;
 
-use super::carry::{Carry, moved, shown};
 use super::channels::{Channels, Parts};
 use super::exemplar::Exemplar;
 use super::record::FrameRecord;
+use super::whole_pixels::{Carry, moved, shown};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::rng;

@@ -3,8 +3,8 @@
 
 use std::ops::Range;
 
-use super::carry::shown;
 use super::chain::State;
+use super::whole_pixels::shown;
 use crate::base::par;
 use crate::patch::atlas::{Atlas, Place};
 use crate::patch::engine::Image;

@@ -3,19 +3,17 @@
 
 use super::chain::Recipe;
 use super::channels::{Channels, Content};
-use super::exemplar::{Exemplar, Wanted};
+use super::exemplar::Wanted;
 use super::record::Timed;
-use super::sequence::{Run, Showing, animate};
+use super::sequence::{PatchMethod, Showing, synthesize};
 use super::{MethodEntry, Outcome, Sources, Synthesizer};
 use crate::base::error::{Error, Kind, Result};
-use crate::base::observe::stage;
 use crate::base::options::declare_options;
 use crate::patch::channels::Role;
 use crate::patch::engine::Settings;
 use crate::patch::rules::Rule;
 use crate::patch::vote::Manner;
-use crate::scene::scene::Scene;
-use crate::scene::target::Target;
+use crate::scene::scene::{Scene, Still};
 use crate::video::clip::Sink;
 
 declare_options! {
@@ -63,9 +61,15 @@ impl Options {
         }
         Ok(self)
     }
+}
+
+impl PatchMethod for Options {
+    fn wanted(&self, still: &Still) -> Wanted {
+        Wanted { long_side: self.exemplar_size, turns: 1, side: self.patch, enlarged: still.map.enlarged() }
+    }
 
     /// Colour alone is made; alpha is given. The frame before has a weight per pixel, so in units of the n² patches over it.
-    fn recipe(&self, seed: u64) -> Recipe {
+    fn recipe(&self, _: bool, seed: u64) -> Recipe {
         let mut all: Vec<(Content, f32, Role)> = (0..3).map(|c| (Content::Now(c), 1.0, Role::Synthesised)).collect();
         all.push((Content::Now(3), self.alpha, Role::Guide));
         let settings = Settings {
@@ -85,23 +89,14 @@ impl Options {
             carries_field: false,
         }
     }
+
+    fn showing(&self) -> Showing {
+        Showing { fade: self.fade, shutter: self.shutter }
+    }
 }
 
 impl Synthesizer for Kwatra {
     fn synthesize(&self, scene: &Scene, _: &Sources, sink: &mut dyn Sink, observer: &Timed) -> Result<Outcome> {
-        let options = &self.options;
-        let still = stage(observer, "read picture", 0, || scene.still(observer))?;
-        let target = Target::of(scene, &still)?;
-        target.note(observer);
-        let wanted =
-            Wanted { long_side: options.exemplar_size, turns: 1, side: options.patch, enlarged: still.map.enlarged() };
-        let exemplar = stage(observer, "exemplar", 0, || Exemplar::of(scene, &still, &target, &wanted, observer))?;
-        let run = Run { scene, still: &still, target: &target, exemplar: &exemplar, observer };
-        animate(
-            &run,
-            &options.recipe(scene.settings().output.seed),
-            &Showing { fade: options.fade, shutter: options.shutter },
-            sink,
-        )
+        synthesize(&self.options, scene, sink, observer)
     }
 }

@@ -2,12 +2,11 @@
 
 use super::chain::Recipe;
 use super::channels::{Channels, Content};
-use super::exemplar::{Exemplar, Wanted};
+use super::exemplar::Wanted;
 use super::record::Timed;
-use super::sequence::{Run, Showing, animate};
+use super::sequence::{PatchMethod, Showing, synthesize};
 use super::{MethodEntry, Outcome, Sources, Synthesizer};
 use crate::base::error::{Error, Kind, Result};
-use crate::base::observe::stage;
 use crate::base::options::declare_options;
 use crate::patch::channels::Role;
 use crate::patch::engine::Settings;
@@ -15,7 +14,6 @@ use crate::patch::rules::Rule;
 use crate::patch::segments::Thresholds;
 use crate::patch::vote::Manner;
 use crate::scene::scene::{Scene, Still};
-use crate::scene::target::Target;
 use crate::video::clip::Sink;
 
 declare_options! {
@@ -102,15 +100,15 @@ impl Options {
         }
         Channels::new(all, self.r / 2.0, self.around)
     }
+}
 
-    /// What the exemplar is wanted for.
-    pub fn wanted(&self, still: &Still) -> Wanted {
+impl PatchMethod for Options {
+    fn wanted(&self, still: &Still) -> Wanted {
         let Self { exemplar_size: long_side, rotations: turns, patch: side, .. } = *self;
         Wanted { long_side, turns, side, enlarged: still.map.enlarged() }
     }
 
-    /// How the engine is used, for the picture's `own` fluid or another exemplar.
-    pub fn recipe(&self, own: bool, seed: u64) -> Recipe {
+    fn recipe(&self, own: bool, seed: u64) -> Recipe {
         let settings = Settings {
             rule: self.nnf,
             manner: self.vote,
@@ -129,18 +127,14 @@ impl Options {
             carries_field: true,
         }
     }
+
+    fn showing(&self) -> Showing {
+        Showing { fade: self.fade, shutter: self.shutter }
+    }
 }
 
 impl Synthesizer for LazyFluids {
     fn synthesize(&self, scene: &Scene, _: &Sources, sink: &mut dyn Sink, observer: &Timed) -> Result<Outcome> {
-        let options = &self.options;
-        let still = stage(observer, "read picture", 0, || scene.still(observer))?;
-        let target = Target::of(scene, &still)?;
-        target.note(observer);
-        let wanted = options.wanted(&still);
-        let exemplar = stage(observer, "exemplar", 0, || Exemplar::of(scene, &still, &target, &wanted, observer))?;
-        let recipe = options.recipe(exemplar.own, scene.settings().output.seed);
-        let run = Run { scene, still: &still, target: &target, exemplar: &exemplar, observer };
-        animate(&run, &recipe, &Showing { fade: options.fade, shutter: options.shutter }, sink)
+        synthesize(&self.options, scene, sink, observer)
     }
 }

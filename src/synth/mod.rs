@@ -3,7 +3,6 @@
 pub mod advect;
 pub mod assignment_picture;
 pub mod base_flow;
-pub mod carry;
 pub mod chain;
 pub mod channels;
 pub mod database;
@@ -29,6 +28,7 @@ pub mod record;
 pub mod rendering;
 pub mod sequence;
 pub mod speeds;
+pub mod whole_pixels;
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::PathBuf;

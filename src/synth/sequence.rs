@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use super::chain::{Chain, Recipe, State};
 use super::detail::Detail;
-use super::exemplar::Exemplar;
+use super::exemplar::{Exemplar, Wanted};
 use super::record::{FrameRecord, RunRecord, SynthesisRecord, Timed};
 use super::{Outcome, memory};
 use crate::base::error::Result;
@@ -23,17 +23,17 @@ use crate::video::clip::Sink;
 
 /// What every stage of a run looks at.
 #[derive(Clone, Copy)]
-pub struct Run<'a> {
+struct Run<'a> {
     /// What is asked for.
-    pub scene: &'a Scene,
+    scene: &'a Scene,
     /// The picture and its matte.
-    pub still: &'a Still,
+    still: &'a Still,
     /// What the fluid does.
-    pub target: &'a Target,
+    target: &'a Target,
     /// What looks are borrowed from.
-    pub exemplar: &'a Exemplar,
+    exemplar: &'a Exemplar,
     /// Who is told.
-    pub observer: &'a Timed<'a>,
+    observer: &'a Timed<'a>,
 }
 
 /// How frames are shown.
@@ -45,11 +45,31 @@ pub struct Showing {
     pub shutter: f32,
 }
 
-/// Makes all frames and writes them.
+/// A method on the patch engine, as its options say.
+pub trait PatchMethod {
+    /// What the exemplar is wanted for.
+    fn wanted(&self, still: &Still) -> Wanted;
+    /// How the engine is used, for the picture's `own` fluid or another exemplar.
+    fn recipe(&self, own: bool, seed: u64) -> Recipe;
+    /// How frames are shown.
+    fn showing(&self) -> Showing;
+}
+
+/// Reads picture, target and exemplar, makes all frames and writes them.
 ///
 /// # Errors
-/// An exemplar without patches, unreadable targets, a sink that fails, a cancel.
-pub fn animate(run: &Run, recipe: &Recipe, showing: &Showing, sink: &mut dyn Sink) -> Result<Outcome> {
+/// A target or exemplar that does not serve, unreadable files, a sink that fails, a cancel.
+pub fn synthesize(method: &impl PatchMethod, scene: &Scene, sink: &mut dyn Sink, observer: &Timed) -> Result<Outcome> {
+    let still = stage(observer, "read picture", 0, || scene.still(observer))?;
+    let target = Target::of(scene, &still)?;
+    target.note(observer);
+    let wanted = method.wanted(&still);
+    let exemplar = stage(observer, "exemplar", 0, || Exemplar::of(scene, &still, &target, &wanted, observer))?;
+    let run = Run { scene, still: &still, target: &target, exemplar: &exemplar, observer };
+    animate(&run, &method.recipe(exemplar.own, scene.settings().output.seed), &method.showing(), sink)
+}
+
+fn animate(run: &Run, recipe: &Recipe, showing: &Showing, sink: &mut dyn Sink) -> Result<Outcome> {
     let Run { scene, target, observer, .. } = *run;
     memory::check(scene)?;
     let (output, wanted) = (scene.settings().output, scene.wanted_frames());
