@@ -776,6 +776,27 @@ fn a_simulation_is_animated_again_and_measured() {
 }
 
 #[test]
+fn fields_usage_and_channels_can_be_looked_at() {
+    let folder = studio();
+    simulated(folder.path());
+    let line = "enliven animate sim --exemplar picture.png --method lazyfluids --frames 3 -o a.y4m";
+    let output = succeed(folder.path(), &format!("{line} --debug d/e"));
+    let names = ["level-0-field.png", "level-1-usage.png", "level-0-channel-blurred-alpha.png"];
+    for (frame, name) in (0..3).flat_map(|frame| names.map(|name| (frame, name))) {
+        let picture = folder.path().join(format!("d/e/frame-{frame:05}/{name}"));
+        assert!(read_picture(&picture).is_ok(), "{}", picture.display());
+    }
+    assert!(stderr(&output).contains("pictures of fields, usage and channels"), "{}", stderr(&output));
+    let plain = fs::read(folder.path().join("a.y4m")).unwrap();
+    succeed(folder.path(), line);
+    assert!(fs::read(folder.path().join("a.y4m")).unwrap() == plain);
+    let line = "enliven animate picture.png --matte matte.png --direction 90 --method advect --frames 8 -o b.y4m --debug f";
+    assert!(stderr(&succeed(folder.path(), line)).contains("f: no pictures"));
+    fs::write(folder.path().join("file"), "").unwrap();
+    refuse(folder.path(), &line.replace("--debug f", "--debug file/g"), FAILED, &["file/g", "cannot make the folder"]);
+}
+
+#[test]
 fn mistakes_with_targets_are_named() {
     let folder = studio();
     simulated(folder.path());

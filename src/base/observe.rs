@@ -6,25 +6,51 @@ use std::time::Instant;
 
 use super::error::{Error, Result};
 
-/// Listens to a long piece of work. Every method has a silent default.
+/// Listens to a long piece of work. What an observer does not take itself goes to the one it names as `inner`; without one
+/// it is ignored.
 pub trait Observer: Sync {
+    /// Who hears what this one does not take itself.
+    fn inner(&self) -> Option<&dyn Observer> {
+        None
+    }
     /// A stage begins that has `total` steps (0 when unknown).
-    fn begin(&self, _stage: &str, _total: u64) {}
+    fn begin(&self, stage: &str, total: u64) {
+        if let Some(inner) = self.inner() {
+            inner.begin(stage, total);
+        }
+    }
     /// `steps` more steps of `stage` are done.
-    fn advance(&self, _stage: &str, _steps: u64) {}
+    fn advance(&self, stage: &str, steps: u64) {
+        if let Some(inner) = self.inner() {
+            inner.advance(stage, steps);
+        }
+    }
     /// A stage is over after `seconds`.
-    fn end(&self, _stage: &str, _seconds: f64) {}
+    fn end(&self, stage: &str, seconds: f64) {
+        if let Some(inner) = self.inner() {
+            inner.end(stage, seconds);
+        }
+    }
     /// Something the user should read: a warning, a fallback, a refusal.
-    fn note(&self, _message: &str) {}
+    fn note(&self, message: &str) {
+        if let Some(inner) = self.inner() {
+            inner.note(message);
+        }
+    }
     /// Whether [`Observer::picture`] is of use; pictures for debugging cost time to make.
     fn wants_pictures(&self) -> bool {
-        false
+        self.inner().is_some_and(|inner| inner.wants_pictures())
     }
-    /// A picture for debugging: its name, width and height, and packed sRGB bytes.
-    fn picture(&self, _name: &str, _size: (usize, usize), _rgb: &[u8]) {}
+    /// A picture for debugging: its name (a slash after every part of the work that it belongs to), width and height, and
+    /// packed sRGB bytes.
+    fn picture(&self, name: &str, size: (usize, usize), rgb: &[u8]) {
+        if let Some(inner) = self.inner() {
+            inner.picture(name, size, rgb);
+        }
+    }
     /// True once the user asked to stop.
     fn cancelled(&self) -> bool {
-        false
+        self.inner().is_some_and(|inner| inner.cancelled())
     }
 }
 
@@ -48,28 +74,35 @@ impl<'a> Once<'a> {
 }
 
 impl Observer for Once<'_> {
-    fn begin(&self, stage: &str, total: u64) {
-        self.inner.begin(stage, total);
-    }
-    fn advance(&self, stage: &str, steps: u64) {
-        self.inner.advance(stage, steps);
-    }
-    fn end(&self, stage: &str, seconds: f64) {
-        self.inner.end(stage, seconds);
+    fn inner(&self) -> Option<&dyn Observer> {
+        Some(self.inner)
     }
     fn note(&self, message: &str) {
         if self.said.lock().is_ok_and(|mut said| said.insert(message.to_owned())) {
             self.inner.note(message);
         }
     }
-    fn wants_pictures(&self) -> bool {
-        self.inner.wants_pictures()
+}
+
+/// Puts the name of a part of the work and a slash before those of its pictures for debugging.
+pub struct Part<'a> {
+    inner: &'a dyn Observer,
+    name: String,
+}
+
+impl<'a> Part<'a> {
+    /// Around `inner`.
+    pub fn new(inner: &'a dyn Observer, name: String) -> Self {
+        Self { inner, name }
+    }
+}
+
+impl Observer for Part<'_> {
+    fn inner(&self) -> Option<&dyn Observer> {
+        Some(self.inner)
     }
     fn picture(&self, name: &str, size: (usize, usize), rgb: &[u8]) {
-        self.inner.picture(name, size, rgb);
-    }
-    fn cancelled(&self) -> bool {
-        self.inner.cancelled()
+        self.inner.picture(&format!("{}/{name}", self.name), size, rgb);
     }
 }
 

@@ -8,6 +8,7 @@ use crate::base::observe::Observer;
 use crate::base::options::Value;
 use crate::base::text::counted;
 use crate::cli::common::say;
+use crate::cli::debug_pictures::DebugPictures;
 use crate::raster::image::Rgb8;
 use crate::raster::picture_io::{picture_size, write_png};
 use crate::report::contact_sheet::spread;
@@ -109,6 +110,10 @@ pub struct Animate {
     /// Folder for a page (index.html) with a contact sheet, which clip went where, the motion, and where time went
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
+    /// Folder for pictures of the patch field, the usage counts and the channels on every level of every frame, for the
+    /// methods that match patches
+    #[arg(long, value_name = "DIR")]
+    pub debug: Option<PathBuf>,
     /// Print the summary of the run as JSON
     #[arg(long)]
     pub json: bool,
@@ -240,7 +245,14 @@ impl Animate {
                 .remedy("write the video to a file, or leave out --json"));
         }
         let places = Places { output: &self.output, report: self.report.as_deref(), preview: self.preview };
-        let record = run(self.settings()?, &places, observer)?;
+        let record = match &self.debug {
+            Some(folder) => {
+                let pictures = DebugPictures::new(observer, folder.clone())?;
+                let record = run(self.settings()?, &places, &pictures);
+                pictures.finish(record)?
+            }
+            None => run(self.settings()?, &places, observer)?,
+        };
         if self.json {
             say!("{}", to_json(&record)?);
         } else {

@@ -7,7 +7,7 @@ use super::exemplar::Exemplar;
 use super::record::FrameRecord;
 use super::whole_pixels::{Carry, moved, shown};
 use crate::base::error::{Error, Kind, Result};
-use crate::base::observe::Observer;
+use crate::base::observe::{Observer, Part};
 use crate::base::rng;
 use crate::flow::field::Field;
 use crate::patch::atlas::Atlas;
@@ -133,7 +133,7 @@ impl<'a> Chain<'a> {
         let image = self.image(&start, &alpha, &start);
         let target = Start { modulation: Some(zero), kept, ..Start::new(image) };
         let source = self.source_of(0, 0)?;
-        let frame = self.engine.frame(source.as_ref(), &target, self.observer)?;
+        let frame = self.engine.frame(source.as_ref(), &target, &self.part(0))?;
         let mut state = left(0, frame, &source, &alpha, Field::zeros(alpha.width, alpha.height));
         if self.exemplar.own {
             state.layer = start;
@@ -165,8 +165,13 @@ impl<'a> Chain<'a> {
             previous: self.recipe.carries_field.then(|| state.field.carried(|x, y| carry.position(x, y))),
         };
         let source = self.source_of(t, state.t)?;
-        let frame = self.engine.frame(source.as_ref(), &target, self.observer)?;
+        let frame = self.engine.frame(source.as_ref(), &target, &self.part(t))?;
         Ok(left(t, frame, &source, &alpha, carry.owed))
+    }
+
+    /// Who is told of the work on frame `t`.
+    fn part(&self, t: i64) -> Part<'a> {
+        Part::new(self.observer, format!("frame {t:05}"))
     }
 
     /// The exemplar's patches, where they are the same for all frames.

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 use std::path::Path;
 
 use super::exemplar_files::{self, Frames, Packed};
+use super::memory;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::par;
@@ -61,7 +62,7 @@ impl Exemplar {
     ///
     /// # Errors
     /// A designed target without an exemplar; a file that cannot be read; opacity of another size, or none anywhere; an
-    /// exemplar smaller than a patch; a cancel.
+    /// exemplar smaller than a patch; a clip larger than the memory that is allowed; a cancel.
     pub fn of(scene: &Scene, still: &Still, target: &Target, wanted: &Wanted, observer: &dyn Observer) -> Result<Self> {
         let settings = scene.settings();
         let Some(path) = &settings.exemplar else {
@@ -78,7 +79,8 @@ impl Exemplar {
         let limit = (if target.loops() { 2 * frames } else { frames }).max(4 * FADE);
         let long_side = if wanted.long_side == 0 { target.size().0.max(target.size().1) } else { wanted.long_side };
         let finer = |side: usize| (side as f32 * wanted.enlarged.max(1.0)).round() as usize;
-        let reading = exemplar_files::Reading { long_side: finer(long_side), limit, fps, fade: FADE };
+        let (picture_side, room) = (finer(long_side), memory::room(scene, 0)?);
+        let reading = exemplar_files::Reading { long_side, picture_side, limit, fps, fade: FADE, room };
         let read = exemplar_files::read(path, settings.exemplar_alpha.as_deref(), &reading, observer)?;
         let large = read.size();
         let fine = match &read {
@@ -115,6 +117,14 @@ impl Exemplar {
                 })
             }
             Content::Clip(frames, None) => Cow::Owned(frames[t.clamp(0, frames.len() as i64 - 1) as usize].unpacked()),
+        }
+    }
+
+    /// Memory that the frames of a clip take, bytes.
+    pub fn clip_bytes(&self) -> u64 {
+        match &self.content {
+            Content::Still(_) => 0,
+            Content::Clip(frames, _) => frames.iter().map(|frame| frame.bytes() as u64).sum(),
         }
     }
 

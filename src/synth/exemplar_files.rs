@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::memory::megabytes;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::par;
@@ -26,14 +27,18 @@ const SAME_SPEED: f64 = 0.05;
 /// How a file is read.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
-    /// Longest side of the frames, pixels; they are never enlarged.
+    /// Longest side of a clip's frames, pixels; they are never enlarged.
     pub long_side: usize,
+    /// That of a picture.
+    pub picture_side: usize,
     /// Most frames of a clip that are read.
     pub limit: usize,
     /// Frames per second at which they are played.
     pub fps: f32,
     /// Frames that a clip needs besides.
     pub fade: usize,
+    /// Bytes that all frames may take; none: any.
+    pub room: Option<u64>,
 }
 
 /// What a file holds.
@@ -71,6 +76,11 @@ impl Packed {
     pub fn luma(&self) -> Plane {
         let data = self.data.iter().flat_map(|p| [p[0], p[1], p[2]]).collect();
         Rgb8 { width: self.width, height: self.height, data }.luma()
+    }
+
+    /// Memory it takes.
+    pub fn bytes(&self) -> usize {
+        size_of_val(&self.data[..])
     }
 
     /// How much fluid it has, in opaque pixels.
@@ -163,7 +173,7 @@ impl Opacity<'_> {
 fn still(path: &Path, opacity: &Opacity, reading: &Reading) -> Result<Frames> {
     let Picture { rgb, alpha } = read_picture(path)?;
     let alpha = alpha.map(|a| plane_of(&a, rgb.width));
-    Ok(Frames::Still(shrunk(opacity.frame(&rgb, alpha.as_ref(), false)?, reading.long_side)))
+    Ok(Frames::Still(shrunk(opacity.frame(&rgb, alpha.as_ref(), false)?, reading.picture_side)))
 }
 
 /// The frames of a clip, all of them or evenly one in several, so that they play about as fast as filmed.
@@ -184,7 +194,7 @@ fn frames(
     }
     let every = every(&first, reading.fps, path, observer);
     let mut rest = first.into_iter();
-    let (mut frames, mut number) = (Vec::new(), 0);
+    let (mut frames, mut number): (Vec<Packed>, usize) = (Vec::new(), 0);
     while frames.len() < reading.limit + reading.fade {
         observe::check(observer)?;
         let Some(frame) = rest.next().map_or_else(|| clip.next_frame(), |frame| Ok(Some(frame)))? else { break };
@@ -201,8 +211,17 @@ fn frames(
         // The only frames with opacity are of animations, which have no turn.
         let rgb = if own.is_some() { to_rgb8(&frame) } else { turned(to_rgb8(&frame), turn) };
         frames.push(Packed::new(&shrunk(opacity.frame(&rgb, own.as_ref(), true)?, reading.long_side)));
+        let taken = (frames.len() * frames[0].bytes()) as u64;
+        if let Some(room) = reading.room.filter(|&room| taken > room) {
+            return Err(no_room(path, room));
+        }
     }
     Ok(frames)
+}
+
+fn no_room(path: &Path, room: u64) -> Error {
+    let problem = format!("its frames do not fit into the {} that are left of --max-memory", megabytes(room));
+    Error::file(Kind::Limit, path, problem).remedy("allow more, or name a shorter or smaller clip")
 }
 
 /// One frame in how many is kept.
@@ -244,4 +263,25 @@ fn on_black(rgb: &Rgb8) -> Premultiplied {
     let alpha = (0..red.data.len()).map(|i| ((brightest(i) - DARK) / (BRIGHT - DARK)).clamp(0.0, 1.0));
     let alpha = Plane::from_vec(red.width, red.height, alpha.collect());
     Premultiplied::from_planes([red, green, blue, alpha])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::observe::Silent;
+    use crate::raster::picture_io::write_png;
+
+    #[test]
+    fn a_clip_is_read_as_far_as_memory_goes() {
+        let folder = tempfile::tempdir().unwrap();
+        for t in 0..6u8 {
+            let frame = Rgb8 { width: 20, height: 10, data: vec![40 * t; 600] };
+            write_png(&folder.path().join(format!("{t}.png")), &frame).unwrap();
+        }
+        let reading = Reading { long_side: 10, picture_side: 20, limit: 4, fps: 25.0, fade: 1, room: Some(5 * 10 * 5 * 4) };
+        let Frames::Clip(frames) = read(folder.path(), None, &reading, &Silent).unwrap() else { panic!("a picture") };
+        assert_eq!((frames.len(), frames[0].width, frames[0].bytes()), (5, 10, 200));
+        let error = read(folder.path(), None, &Reading { room: Some(999), ..reading }, &Silent).unwrap_err();
+        assert!(error.kind() == Kind::Limit && error.to_string().contains("--max-memory"), "{error}");
+    }
 }

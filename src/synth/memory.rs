@@ -29,6 +29,23 @@ pub fn check(scene: &Scene) -> Result<()> {
     block_frames(scene, 0, 0).map(|_| ())
 }
 
+/// Bytes that a limit leaves when `kept` are kept besides what every run takes; none without a limit.
+///
+/// # Errors
+/// [`Kind::Limit`] with an estimate of what it takes.
+pub fn room(scene: &Scene, kept: u64) -> Result<Option<u64>> {
+    block_frames(scene, 0, kept)?;
+    let taken = fixed_bytes(scene) + frame_bytes(scene, 0) + kept;
+    Ok(scene.settings().output.max_memory.map(|limit| limit.saturating_sub(taken)))
+}
+
+/// The error of a run that is allowed too little.
+pub fn too_little(allowed: u64, taken: u64) -> Error {
+    let problem = format!("{} are allowed, and this run takes about {}", megabytes(allowed), megabytes(taken));
+    Error::new(Kind::Limit, "output.max_memory", problem)
+        .remedy("allow more with --max-memory, or make a smaller video with --size or --working-size")
+}
+
 /// Bytes of clips' frames that may be kept in memory from their study on: half of what a limit leaves, and no more than
 /// is of use.
 pub fn keepable(scene: &Scene) -> u64 {
@@ -47,10 +64,7 @@ pub fn block_frames(scene: &Scene, bands: usize, kept: u64) -> Result<usize> {
     let (fixed, frame) = (fixed_bytes(scene) + kept, frame_bytes(scene, bands));
     let fitting = limit.unwrap_or(ALLOWED).saturating_sub(fixed) / frame;
     if let (0, Some(limit)) = (fitting, limit) {
-        let problem =
-            format!("{} are allowed, and this run takes about {}", megabytes(limit), megabytes(fixed + frame));
-        return Err(Error::new(Kind::Limit, "output.max_memory", problem)
-            .remedy("allow more with --max-memory, or make a smaller video with --size or --working-size"));
+        return Err(too_little(limit, fixed + frame));
     }
     Ok(usual.min(usize::try_from(fitting).unwrap_or(usize::MAX)).max(1))
 }
@@ -70,6 +84,7 @@ fn pixels((width, height): (usize, usize)) -> u64 {
     width as u64 * height as u64
 }
 
-fn megabytes(bytes: u64) -> String {
+/// "12 MB".
+pub(super) fn megabytes(bytes: u64) -> String {
     format!("{} MB", bytes.div_ceil(1_000_000))
 }

@@ -221,11 +221,8 @@ impl<'a> Timed<'a> {
 }
 
 impl Observer for Timed<'_> {
-    fn begin(&self, stage: &str, total: u64) {
-        self.inner.begin(stage, total);
-    }
-    fn advance(&self, stage: &str, steps: u64) {
-        self.inner.advance(stage, steps);
+    fn inner(&self) -> Option<&dyn Observer> {
+        Some(self.inner)
     }
     fn end(&self, stage: &str, seconds: f64) {
         if let Ok(mut stages) = self.stages.lock() {
@@ -238,8 +235,5 @@ impl Observer for Timed<'_> {
             notes.push(message.to_owned());
         }
         self.inner.note(message);
-    }
-    fn cancelled(&self) -> bool {
-        self.inner.cancelled()
     }
 }

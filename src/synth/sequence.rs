@@ -21,6 +21,9 @@ use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
 use crate::video::clip::Sink;
 
+/// Memory of a frame that waits for the end of the loop, bytes per working pixel: colours, opacity, owed motion, field.
+const LEAD_BYTES: usize = 32;
+
 /// What every stage of a run looks at.
 #[derive(Clone, Copy)]
 struct Run<'a> {
@@ -70,15 +73,16 @@ pub fn synthesize(method: &impl PatchMethod, scene: &Scene, sink: &mut dyn Sink,
 }
 
 fn animate(run: &Run, recipe: &Recipe, showing: &Showing, sink: &mut dyn Sink) -> Result<Outcome> {
-    let Run { scene, target, observer, .. } = *run;
-    memory::check(scene)?;
+    let Run { scene, target, exemplar, observer, .. } = *run;
+    let frames = target.frames();
+    let fade = if target.loops() { showing.fade.min(frames / 2) } else { 0 };
+    let (width, height) = target.size();
+    memory::room(scene, exemplar.clip_bytes() + (fade * width * height * LEAD_BYTES) as u64)?;
     let (output, wanted) = (scene.settings().output, scene.wanted_frames());
     let overlay = overlay(run)?;
     let once = Once::new(observer);
     let chain = stage(observer, "patches", 0, || Chain::new(recipe, run.exemplar, target, &once))?;
     let first = stage(observer, "first frame", 0, || chain.first())?;
-    let frames = target.frames();
-    let fade = if target.loops() { showing.fade.min(frames / 2) } else { 0 };
     let mut made = vec![first.record.clone()];
     // What leads to the first frame is made backwards from it, so that the loop begins with the picture itself.
     let lead = match wanted.end > frames - fade {
