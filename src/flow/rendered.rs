@@ -131,6 +131,16 @@ mod tests {
     }
 
     #[test]
+    fn a_file_of_blender_says_which_way_a_ball_went() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/blender/ball.exr");
+        let Rendered { field, joins } = read(&path).unwrap();
+        assert_eq!((size(&path).unwrap(), joins), ((32, 24), Joins::Previous));
+        let at = |x: usize, y: usize| (field.u.at(x, y), field.v.at(x, y));
+        assert!((at(16, 12).0 - 2.0).abs() < 1e-3 && (at(16, 12).1 + 1.0).abs() < 1e-3, "{:?}", at(16, 12));
+        assert_eq!(at(1, 1), (0.0, 0.0));
+    }
+
+    #[test]
     fn every_sort_of_file_says_the_same_motion() {
         let folder = tempfile::tempdir().unwrap();
         let path = |name: &str| folder.path().join(name);
