@@ -781,7 +781,7 @@ fn fields_usage_and_channels_can_be_looked_at() {
     simulated(folder.path());
     let line = "enliven animate sim --exemplar picture.png --method lazyfluids --frames 3 -o a.y4m";
     let output = succeed(folder.path(), &format!("{line} --debug d/e"));
-    let names = ["level-0-field.png", "level-1-usage.png", "level-0-channel-blurred-alpha.png"];
+    let names = ["level-0-field.png", "level-0-usage.png", "level-0-channel-blurred-alpha.png"];
     for (frame, name) in (0..3).flat_map(|frame| names.map(|name| (frame, name))) {
         let picture = folder.path().join(format!("d/e/frame-{frame:05}/{name}"));
         assert!(read_picture(&picture).is_ok(), "{}", picture.display());
