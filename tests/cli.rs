@@ -790,7 +790,8 @@ fn fields_usage_and_channels_can_be_looked_at() {
     let plain = fs::read(folder.path().join("a.y4m")).unwrap();
     succeed(folder.path(), line);
     assert!(fs::read(folder.path().join("a.y4m")).unwrap() == plain);
-    let line = "enliven animate picture.png --matte matte.png --direction 90 --method advect --frames 8 -o b.y4m --debug f";
+    let line =
+        "enliven animate picture.png --matte matte.png --direction 90 --method advect --frames 8 -o b.y4m --debug f";
     assert!(stderr(&succeed(folder.path(), line)).contains("f: no pictures"));
     fs::write(folder.path().join("file"), "").unwrap();
     refuse(folder.path(), &line.replace("--debug f", "--debug file/g"), FAILED, &["file/g", "cannot make the folder"]);

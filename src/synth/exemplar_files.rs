@@ -278,7 +278,8 @@ mod tests {
             let frame = Rgb8 { width: 20, height: 10, data: vec![40 * t; 600] };
             write_png(&folder.path().join(format!("{t}.png")), &frame).unwrap();
         }
-        let reading = Reading { long_side: 10, picture_side: 20, limit: 4, fps: 25.0, fade: 1, room: Some(5 * 10 * 5 * 4) };
+        let reading =
+            Reading { long_side: 10, picture_side: 20, limit: 4, fps: 25.0, fade: 1, room: Some(5 * 10 * 5 * 4) };
         let Frames::Clip(frames) = read(folder.path(), None, &reading, &Silent).unwrap() else { panic!("a picture") };
         assert_eq!((frames.len(), frames[0].width, frames[0].bytes()), (5, 10, 200));
         let error = read(folder.path(), None, &Reading { room: Some(999), ..reading }, &Silent).unwrap_err();
