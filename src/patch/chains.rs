@@ -34,17 +34,10 @@ pub(super) struct Chain {
     pub to_room: bool,
     /// Otherwise the distance of its holder at the place of the first patch.
     pub closing: u32,
-    /// What the first one wishes for; the wishes of the others are known.
-    pub wish: Cell,
+    /// What they wish for.
+    pub wishes: [Cell; LONGEST],
     /// Who has to move, one more than wishes where the chain closes.
     pub members: [u32; LONGEST + 1],
-}
-
-impl Chain {
-    /// The wish of member `k`.
-    pub fn wish(&self, k: usize, wishes: &[Cell]) -> Cell {
-        if k == 0 { self.wish } else { wishes[self.members[k] as usize] }
-    }
 }
 
 /// What all patches of a batch see.
@@ -83,10 +76,9 @@ impl State<'_> {
                 continue;
             }
             self.offers(target, before, sweep, &mut scratch);
-            let best = scratch.offers.iter().take(TRIES).filter_map(|&(_, cell)| self.chain(target, cell));
-            // The first of equals, that is the one that costs least.
-            let best = best.reduce(|best, chain| if chain.gain > best.gain { chain } else { best });
-            before = best.map_or(held.place, |chain| chain.wish.place);
+            let offers = scratch.offers.iter().take(TRIES);
+            let best = offers.fold(None, |best, &(_, cell)| self.chain(target, cell, best));
+            before = best.map_or(held.place, |chain| chain.wishes[0].place);
             wishes.extend(scratch.offers.first().map(|&(_, cell)| Wish { target: target as u32, cell }));
             chains.extend(best);
         }
@@ -104,7 +96,7 @@ impl State<'_> {
         let may_leave = self.usage.can_spare(held.place, segment);
         let cost = |cell: Cell| {
             let asked = self.asked[cell.place.index()];
-            i64::from(cell.distance) + if asked.has_room && may_leave { 0 } else { i64::from(asked.loss) }
+            i64::from(cell.distance) + if asked.has_room && may_leave { 0 } else { asked.loss() }
         };
         let Scratch { candidates, distances, offers } = scratch;
         self.places(target, held.place, before, segment, sweep, candidates);
@@ -117,45 +109,47 @@ impl State<'_> {
         offers.sort_unstable_by_key(|&(cost, cell)| (cost, cell.place));
     }
 
-    /// The best chain that starts with a patch and its wish.
-    fn chain(&self, first: usize, wish: Cell) -> Option<Chain> {
+    /// The best chain that starts with a patch and its wish, if it is better than `best`; otherwise that.
+    fn chain(&self, first: usize, wish: Cell, mut best: Option<Chain>) -> Option<Chain> {
         let held = self.nnf.cells[first];
         let may_leave = self.usage.can_spare(held.place, self.level.target.labels()[first]);
-        let mut members = [NOBODY; LONGEST + 1];
-        let (mut target, mut next, mut gain) = (first, wish, 0i64);
-        let mut best: Option<Chain> = None;
-        let mut offer = |total: i64, length: usize, to_room: bool, closing: u32, members: [u32; LONGEST + 1]| {
-            if total > best.map_or(0, |b| i64::from(b.gain)) {
-                best = Some(Chain { gain: total as u32, length: length as u32, to_room, closing, wish, members });
-            }
-        };
+        let (mut members, mut wishes) = ([NOBODY; LONGEST + 1], [Cell::NONE; LONGEST]);
+        let (mut here, mut next, mut gain) = (held.distance, wish, 0i64);
+        members[0] = first as u32;
         for length in 1..=LONGEST {
-            let here = self.nnf.cells[target];
-            if next.place == here.place || next.place == Place::NONE {
-                break;
-            }
             let asked = self.asked[next.place.index()];
-            members[length - 1] = target as u32;
-            gain += i64::from(here.distance) - i64::from(next.distance);
+            wishes[length - 1] = next;
+            gain += i64::from(here) - i64::from(next.distance);
+            let least = best.map_or(0, |b| i64::from(b.gain));
+            let chain = |total: i64, to_room: bool, closing: u32, members| Chain {
+                gain: total as u32,
+                length: length as u32,
+                to_room,
+                closing,
+                wishes,
+                members,
+            };
             if asked.has_room && may_leave {
-                offer(gain, length, true, 0, members);
-                break;
+                return if gain > least { Some(chain(gain, true, 0, members)) } else { best };
             }
             if asked.holder == NOBODY || members[..length].contains(&asked.holder) {
                 break;
             }
-            let holder = asked.holder as usize;
-            let left = gain + i64::from(self.nnf.cells[holder].distance);
+            members[length] = asked.holder;
+            let left = gain + i64::from(asked.held);
             if left <= 0 {
                 break;
             }
-            members[length] = asked.holder;
-            if let Some(closing) = self.search.distance_below(holder, held.place, left.min(i64::from(u32::MAX)) as u32)
+            let limit = (left - least).min(i64::from(u32::MAX));
+            if limit > 0
+                && let Some(closing) = self.search.distance_below(asked.holder as usize, held.place, limit as u32)
             {
-                offer(left - i64::from(closing), length, false, closing, members);
+                best = Some(chain(left - i64::from(closing), false, closing, members));
             }
-            target = holder;
-            next = self.wishes[holder];
+            if asked.wish.place == next.place || asked.wish.place == Place::NONE {
+                break;
+            }
+            (here, next) = (asked.held, asked.wish);
         }
         best
     }

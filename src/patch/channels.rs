@@ -191,6 +191,14 @@ impl Stack {
         }
     }
 
+    /// The first `count` channels alone.
+    pub(super) fn first(&self, count: usize) -> Self {
+        let mut first = Self::zeros(self.width, self.height, count);
+        let pixels = first.bytes_mut().chunks_exact_mut(count).zip(self.data.chunks_exact(self.channels));
+        pixels.for_each(|(to, from)| to.copy_from_slice(&from[..count]));
+        first
+    }
+
     /// Channel `c` in [0, 1].
     pub fn plane(&self, c: usize) -> Plane {
         Plane::from_fn(self.width, self.height, |x, y| f32::from(self.pixel(y * self.width + x)[c]) / 255.0)

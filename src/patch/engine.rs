@@ -111,6 +111,7 @@ impl Engine {
             let mut level = Level {
                 layout: &self.layout,
                 atlas: atlases[n].as_ref(),
+                colours: atlases[n].patches.stack.first(self.layout.synthesised()),
                 target: patches,
                 steps: levels.steps(n),
                 anchor: levels.anchor(n),

@@ -35,10 +35,23 @@ pub(super) const NOBODY: u32 = u32::MAX;
 pub(super) struct Asked {
     /// Who would have to leave: the one that would lose least, or any one by chance.
     pub holder: u32,
-    /// What it would lose by taking what it wished for last; negative if it would gain.
-    pub loss: i32,
+    /// Its distance here.
+    pub held: u32,
+    /// What it wished for last.
+    pub wish: Cell,
     /// Whether one more patch may come without any other leaving.
     pub has_room: bool,
+}
+
+impl Asked {
+    /// What the holder would lose by taking what it wished for last; negative if it would gain.
+    pub fn loss(&self) -> i64 {
+        i64::from(self.wish.distance) - i64::from(self.held)
+    }
+
+    fn hold(&mut self, holder: u32, held: Cell, wish: Cell) {
+        (self.holder, self.held, self.wish) = (holder, held.distance, wish);
+    }
 }
 
 /// A field that keeps to bounds while its patches exchange places.
@@ -94,8 +107,13 @@ impl Exchange {
         self.batch += 1;
         chains.iter().for_each(|chain| self.settle(level, nnf, chain));
         for wish in found.iter().flat_map(|found| &found.0) {
-            if self.changed[wish.target as usize] != self.batch {
-                self.wishes.cells[wish.target as usize] = wish.cell;
+            let target = wish.target as usize;
+            if self.changed[target] != self.batch {
+                self.wishes.cells[target] = wish.cell;
+                let asked = &mut self.asked[nnf.cells[target].place.index()];
+                if asked.holder == wish.target {
+                    asked.wish = wish.cell;
+                }
             }
         }
     }
@@ -103,20 +121,19 @@ impl Exchange {
     /// Says of every place who is asked to leave it.
     fn ask(&mut self, level: &Level, nnf: &Nnf, chance: Option<u64>) {
         let key = |target: usize, cell: Cell| match chance {
-            None => i64::from(loss(self.wishes.cells[target], cell)),
+            None => i64::from(self.wishes.cells[target].distance) - i64::from(cell.distance),
             Some(chance) => (rng::mix(chance ^ target as u64) >> 1) as i64,
         };
         let labels = level.atlas.patches.labels();
         let room = |i: usize| labels[i] != NO_PATCH && self.usage.has_room(Place(i as u32), labels[i]);
-        let mut all: Vec<Asked> =
-            (0..labels.len()).map(|i| Asked { holder: NOBODY, loss: 0, has_room: room(i) }).collect();
+        let nobody = |i: usize| Asked { holder: NOBODY, held: 0, wish: Cell::NONE, has_room: room(i) };
+        let mut all: Vec<Asked> = (0..labels.len()).map(nobody).collect();
         for (target, cell) in nnf.assigned() {
             let asked = &mut all[cell.place.index()];
             if asked.holder == NOBODY
                 || key(target, cell) < key(asked.holder as usize, nnf.cells[asked.holder as usize])
             {
-                asked.holder = target as u32;
-                asked.loss = loss(self.wishes.cells[target], cell);
+                asked.hold(target as u32, cell, self.wishes.cells[target]);
             }
         }
         self.asked = all;
@@ -131,7 +148,7 @@ impl Exchange {
         }
         let first = nnf.cells[members[0] as usize].place;
         let mut news = [Cell { place: first, distance: chain.closing }; LONGEST + 1];
-        (0..length).for_each(|k| news[k] = chain.wish(k, &self.wishes.cells));
+        news[..length].copy_from_slice(&chain.wishes[..length]);
         if chain.to_room && !self.make_room(level, members[0], first, news[length - 1].place) {
             return;
         }
@@ -171,13 +188,7 @@ impl Exchange {
         self.changed[m] = self.batch;
         let asked = &mut self.asked[new.place.index()];
         if asked.holder == NOBODY || Some(asked.holder) == left {
-            asked.holder = member;
-            asked.loss = loss(*wish, new);
+            asked.hold(member, new, *wish);
         }
     }
-}
-
-/// What a patch would lose by taking its wish. Distances have 30 bits.
-fn loss(wish: Cell, held: Cell) -> i32 {
-    wish.distance as i32 - held.distance as i32
 }

@@ -17,6 +17,8 @@ use crate::raster::pyramid::reduce;
 pub(super) struct Level<'a> {
     pub layout: &'a Layout,
     pub atlas: &'a Atlas,
+    /// The synthesised channels of the atlas alone.
+    pub colours: Stack,
     pub target: Patches,
     /// The modulation in steps.
     pub steps: Option<Vec<u8>>,

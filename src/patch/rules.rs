@@ -12,7 +12,7 @@ use crate::base::options::Words;
 use crate::base::rng;
 
 /// Half the first window of random places on levels that start from a coarser one, in pixels.
-const NEAR: usize = 8;
+const NEAR: usize = 2;
 
 /// A rule for the nearest-neighbour field.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -84,7 +84,7 @@ impl Rules {
     pub fn vote<'a>(&'a self, level: &'a Level, nnf: &'a Nnf) -> Vote<'a> {
         Vote {
             nnf,
-            source: &level.atlas.patches.stack,
+            source: &level.colours,
             radius: level.layout.radius(),
             channels: level.layout.synthesised(),
             manner: self.manner,

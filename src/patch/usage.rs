@@ -139,7 +139,16 @@ mod tests {
     use proptest::prelude::*;
 
     fn level<'a>(layout: &'a Layout, atlas: &'a Atlas, target: Patches) -> Level<'a> {
-        Level { layout, atlas, target, steps: None, anchor: None, coarsest: true, seed: 3 }
+        Level {
+            layout,
+            atlas,
+            colours: atlas.patches.stack.first(layout.synthesised()),
+            target,
+            steps: None,
+            anchor: None,
+            coarsest: true,
+            seed: 3,
+        }
     }
 
     fn source(plane: Plane, blurred: Option<Plane>, radius: usize) -> Atlas {

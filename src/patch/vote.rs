@@ -1,5 +1,7 @@
 //! Voting: every pixel becomes the mean of what the patches over it have there (Wexler et al. 2007).
 
+use multiversion::multiversion;
+
 use super::atlas::Place;
 use super::channels::{Layout, Stack};
 use super::completeness::Votes;
@@ -64,6 +66,7 @@ impl Anchor {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Vote<'a> {
     pub nnf: &'a Nnf,
+    /// The voted channels alone.
     pub source: &'a Stack,
     /// Reach of a patch.
     pub radius: usize,
@@ -106,73 +109,63 @@ impl Vote<'_> {
 
     /// The voted bytes of row `y`, not rounded.
     fn row(&self, y: usize, sums: &mut [f32]) {
-        match self.channels {
-            3 => self.row_of::<3>(y, sums),
-            4 => self.row_of::<4>(y, sums),
-            _ => self.row_of::<0>(y, sums),
-        }
-    }
-
-    /// `C` channels, or as many as there are where `C` is 0.
-    fn row_of<const C: usize>(&self, y: usize, sums: &mut [f32]) {
-        let channels = if C > 0 { C } else { self.channels };
         let mut totals = vec![0.0; self.nnf.width];
         sums.fill(0.0);
-        self.overlapping::<C>(y, |x, pixel, weight| {
-            let sum = &mut sums[x * channels..][..channels];
-            sum.iter_mut().zip(pixel).for_each(|(s, &p)| *s += weight * f32::from(p));
-            totals[x] += weight;
-        });
+        match (self.channels, self.radius) {
+            (3, 2) => add_patches::<15>(self, y, sums, &mut totals),
+            (4, 2) => add_patches::<20>(self, y, sums, &mut totals),
+            _ => add_patches::<0>(self, y, sums, &mut totals),
+        }
         if let Some(anchor) = self.anchor {
             for (x, total) in totals.iter_mut().enumerate().filter(|(_, total)| **total > 0.0) {
                 let weight = anchor.weight.at(x, y);
-                let sum = &mut sums[x * channels..][..channels];
+                let sum = &mut sums[x * self.channels..][..self.channels];
                 sum.iter_mut().zip(&anchor.planes).for_each(|(s, p)| *s += weight * 255.0 * p.at(x, y));
                 *total += weight;
             }
         }
-        for (pixel, &total) in sums.chunks_exact_mut(channels).zip(&totals) {
+        for (pixel, &total) in sums.chunks_exact_mut(self.channels).zip(&totals) {
             let share = if total > 0.0 { 1.0 / total } else { 0.0 };
             pixel.iter_mut().for_each(|s| *s *= share);
         }
         if self.manner == Manner::Discrete {
-            self.snap::<C>(y, sums);
+            self.snap(y, sums);
         }
     }
 
     /// Replaces every mean by the voted pixel that is nearest to it.
-    fn snap<const C: usize>(&self, y: usize, means: &mut [f32]) {
-        let channels = if C > 0 { C } else { self.channels };
+    fn snap(&self, y: usize, means: &mut [f32]) {
+        let channels = self.channels;
         let mut nearest = vec![f32::INFINITY; self.nnf.width];
         let mut chosen = means.to_vec();
-        self.overlapping::<C>(y, |x, pixel, _| {
-            let mean = &means[x * channels..][..channels];
-            let distance = mean.iter().zip(pixel).map(|(m, &p)| (m - f32::from(p)).powi(2)).sum::<f32>();
-            if distance < nearest[x] {
-                nearest[x] = distance;
-                chosen[x * channels..][..channels].iter_mut().zip(pixel).for_each(|(c, &p)| *c = f32::from(p));
+        self.overlapping(y, |first, pixels, _| {
+            for (k, pixel) in pixels.chunks_exact(channels).enumerate() {
+                let x = first + k;
+                let mean = &means[x * channels..][..channels];
+                let distance = mean.iter().zip(pixel).map(|(m, &p)| (m - f32::from(p)).powi(2)).sum::<f32>();
+                if distance < nearest[x] {
+                    nearest[x] = distance;
+                    chosen[x * channels..][..channels].iter_mut().zip(pixel).for_each(|(c, &p)| *c = f32::from(p));
+                }
             }
         });
         means.copy_from_slice(&chosen);
     }
 
-    /// Calls `visit(x, pixel, weight)` for all that is voted in row `y`, in a fixed order.
+    /// Calls `visit(x, pixels, weight)` for all that is voted in row `y`, in a fixed order: a row of a patch, where it
+    /// begins, and the row's weight.
     #[inline(always)]
-    fn overlapping<const C: usize>(&self, y: usize, mut visit: impl FnMut(usize, &[u8], f32)) {
-        let channels = if C > 0 { C } else { self.channels };
+    fn overlapping(&self, y: usize, mut visit: impl FnMut(usize, &[u8], f32)) {
         let (width, radius) = (self.nnf.width, self.radius);
-        let stack = self.source;
+        let (bytes, length) = (self.source.bytes(), (2 * radius + 1) * self.channels);
         let window = self.window();
         for cy in y.saturating_sub(radius)..(y + radius + 1).min(self.nnf.cells.len() / width) {
             let down = y as isize - cy as isize;
+            let across = window[(radius as isize + down) as usize];
             let mut patch = |cx: usize, place: Place, weight: f32| {
                 // A patch lies within its image on both sides.
-                let first = (place.index() as isize + down * stack.width as isize) as usize - radius;
-                let from = &stack.bytes()[first * stack.channels..];
-                let weight = weight * window[(radius as isize + down) as usize];
-                for (k, across) in window[..=2 * radius].iter().enumerate() {
-                    visit(cx - radius + k, &from[k * stack.channels..][..channels], weight * across);
-                }
+                let first = (place.index() as isize + down * self.source.width as isize) as usize - radius;
+                visit(cx - radius, &bytes[first * self.channels..][..length], weight * across);
             };
             for cx in 0..width {
                 let at = cy * width + cx;
@@ -204,6 +197,23 @@ impl Vote<'_> {
             Manner::Robust => (cell.distance as f32 + 1.0).powf(-0.6),
         }
     }
+}
+
+/// Adds the patches over row `y` to `sums`, and their weights to `totals`. A row of a patch has `N` bytes, or any number
+/// where `N` is 0.
+#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+fn add_patches<const N: usize>(vote: &Vote, y: usize, sums: &mut [f32], totals: &mut [f32]) {
+    let (channels, side) = (vote.channels, 2 * vote.radius + 1);
+    let length = if N > 0 { N } else { side * channels };
+    let window = vote.window();
+    let weights: Vec<f32> = (0..length).map(|i| window[i / channels]).collect();
+    vote.overlapping(y, |x, pixels, weight| {
+        let sums = &mut sums[x * channels..][..length];
+        for ((sum, &pixel), &across) in sums.iter_mut().zip(&pixels[..length]).zip(&weights[..length]) {
+            *sum += weight * across * f32::from(pixel);
+        }
+        totals[x..][..side].iter_mut().zip(&window[..side]).for_each(|(total, across)| *total += weight * across);
+    });
 }
 
 #[cfg(test)]
