@@ -787,12 +787,16 @@ fn fields_usage_and_channels_can_be_looked_at() {
         assert!(read_picture(&picture).is_ok(), "{}", picture.display());
     }
     assert!(stderr(&output).contains("pictures of fields, usage and channels"), "{}", stderr(&output));
+    // The picture is opaque: the smoke is as soft as it was designed.
+    assert!(stderr(&output).contains("the edges are the target's own"), "{}", stderr(&output));
     let plain = fs::read(folder.path().join("a.y4m")).unwrap();
     succeed(folder.path(), line);
     assert!(fs::read(folder.path().join("a.y4m")).unwrap() == plain);
     let line =
         "enliven animate picture.png --matte matte.png --direction 90 --method advect --frames 8 -o b.y4m --debug f";
     assert!(stderr(&succeed(folder.path(), line)).contains("f: no pictures"));
+    let again = "enliven animate sim --exemplar picture.png -o c.y4m --debug d/e";
+    refuse(folder.path(), again, USAGE, &["d/e", "holds frames of an earlier run"]);
     fs::write(folder.path().join("file"), "").unwrap();
     refuse(folder.path(), &line.replace("--debug f", "--debug file/g"), FAILED, &["file/g", "cannot make the folder"]);
 }
@@ -802,8 +806,12 @@ fn mistakes_with_targets_are_named() {
     let folder = studio();
     simulated(folder.path());
     let wrong = |line: &str, parts: &[&str]| refuse(folder.path(), &format!("enliven animate {line}"), USAGE, parts);
-    wrong("sim --library l.pack -o x.mp4", &["method: database", "takes no designed [target]", "lazyfluids"]);
-    wrong("sim --method lazyfluids -o x.mp4", &["exemplar", "--exemplar"]);
+    wrong("sim --method database -o x.mp4", &["method: database", "takes no designed [target]", "lazyfluids"]);
+    wrong("sim -o x.mp4", &["exemplar", "--exemplar"]);
+    wrong("sim.toml -o x.mp4", &["sim.toml", "is a simulation", "run enliven simulate"]);
+    fs::create_dir_all(folder.path().join("half/flow")).unwrap();
+    wrong("half -o x.mp4", &["half/flow", "has no folder alpha beside it"]);
+    wrong("sim --exemplar picture.png --exemplar-alpha luminence -o x.mp4", &["luminence", "\"luminance\""]);
     let lazy = "--exemplar picture.png --method lazyfluids -o x.mp4";
     wrong(&format!("sim {lazy} --frames 10"), &["output.frames: 10 are more", "2 to 9"]);
     wrong(&format!("sim {lazy} --matte matte.png"), &["matte", "whose alpha"]);

@@ -61,7 +61,9 @@ const DOWN: &str = "[motion]\ndirection = 90\n[output]\nframes = 6\n";
 #[test]
 fn the_first_frame_is_the_picture_itself() {
     let stage = Stage::new();
-    let (frames, _) = stage.run(&format!("{LAZY}{DOWN}")).unwrap();
+    let (frames, outcome) = stage.run(&format!("{LAZY}{DOWN}")).unwrap();
+    let pictures: Vec<&str> = outcome.pictures.iter().map(|(name, _)| *name).collect();
+    assert_eq!(pictures, ["exemplar", "motion", "orientation", "speed", "asked-orientation"]);
     let picture = texture(SIZE.0, SIZE.1, 1);
     let apart = frames[0].data.iter().zip(&picture.data).map(|(a, b)| a.abs_diff(*b)).max();
     assert!(apart <= Some(2), "{apart:?}");
@@ -82,7 +84,9 @@ fn what_cannot_be_borrowed_is_named() {
     contains(&format!("{LAZY}exemplar_alpha = 'luminance'\n{DOWN}"), "luminance is given without an exemplar");
     let with = |alpha: &str| format!("{LAZY}exemplar = 'e.png'\nexemplar_alpha = '{alpha}'\n{DOWN}");
     contains(&with("nothing.png"), "nothing.png");
-    contains(&with("black.png"), "e.png: the exemplar is transparent all over");
+    contains(&with("black.png"), "e.png: the exemplar is transparent all over; paint");
+    write_png(&stage.path("strip.png"), &texture(900, 8, 1)).unwrap();
+    contains(&format!("{LAZY}exemplar = 'strip.png'\n{DOWN}"), "pixels, shrunk from a larger one");
     write_grey_png(&stage.path("half.png"), &Plane::filled(40, 36, 0.5)).unwrap();
     contains(&with("half.png"), "exemplar: it has no inside");
     contains(&with("small.png"), "small.png: is 20 × 36 pixels, the exemplar 40 × 36");

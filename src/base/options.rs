@@ -219,13 +219,29 @@ pub fn explain(error: &toml::de::Error, text: &str) -> String {
     if said.contains("untagged enum Value") {
         return "an option is a number, true or false, or a word".to_owned();
     }
+    if let Some(number) = said.split('`').nth(1).and_then(|value| value.strip_prefix("integer ")?.strip_prefix('-')) {
+        let place =
+            error.span().and_then(|span| key_of(text, span.start)).map_or(String::new(), |key| format!("{key} = "));
+        return at_line(line, &format!("{place}-{number} is below 0; write a whole number from 0 on"));
+    }
     let words = said.split_whitespace().map(|word| match word.trim_end_matches(',') {
         "usize" | "u64" => "a whole number",
         "f32" => "a number",
         _ => word,
     });
     let said = words.collect::<Vec<_>>().join(" ");
-    line.map_or(said.clone(), |line| format!("line {line}: {said}"))
+    let key = error.span().and_then(|span| key_of(text, span.start)).filter(|key| !said.contains(&format!("`{key}`")));
+    at_line(line, &key.map_or(said.clone(), |key| format!("{key}: {said}")))
+}
+
+fn at_line(line: Option<usize>, said: &str) -> String {
+    line.map_or(said.to_owned(), |line| format!("line {line}: {said}"))
+}
+
+/// The key whose value is at a place of a TOML text; none where the line has none before it.
+fn key_of(text: &str, place: usize) -> Option<&str> {
+    let (key, _) = text.get(..place)?.lines().last()?.split_once('=')?;
+    Some(key.trim())
 }
 
 /// The known name nearest to `name` by edit distance, when it is near enough to be meant.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use crate::base::error::{Error, Result};
+use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::raster::image::Rgb8;
 use crate::raster::picture_io::write_png;
@@ -23,6 +23,11 @@ impl<'a> DebugPictures<'a> {
     /// A folder that cannot be made.
     pub fn new(inner: &'a dyn Observer, folder: PathBuf) -> Result<Self> {
         std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
+        let frames = std::fs::read_dir(&folder).map_err(|e| Error::io(&folder, "list", e))?;
+        if frames.flatten().any(|entry| entry.file_name().to_string_lossy().starts_with("frame-")) {
+            return Err(Error::file(Kind::Usage, &folder, "holds frames of an earlier run")
+                .remedy("remove it, or name another folder with --debug"));
+        }
         Ok(Self { inner, folder, written: Mutex::new(Ok(0)) })
     }
 

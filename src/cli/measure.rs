@@ -149,6 +149,8 @@ impl Measure {
         let reference = reference.map(|path| self.reference(path, &footage, matte, observer)).transpose()?;
         let asked = of_scene.and_then(|(scene, still)| Some((still.asked.as_ref()?, scene.settings().output.fps)));
         let known = Known::new(record, asked, size, fps);
+        let target = scene.and_then(|scene| Some((scene.designed()?, scene.settings().output.fps)));
+        let known = target.map_or(Ok(known.clone()), |(target, rate)| known.with_target(target, rate / fps, size))?;
         Ok(Inputs { footage, picture: picture.transpose()?, reference, known })
     }
 

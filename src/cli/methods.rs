@@ -2,13 +2,16 @@
 
 use serde_json::json;
 
-use crate::base::error::Result;
+use crate::base::error::{Error, Kind, Result};
 use crate::cli::common::say;
 use crate::synth::{MethodEntry, REGISTRY};
 
 /// List the methods and all their options.
 #[derive(Debug, Clone, clap::Args)]
 pub struct Methods {
+    /// Only these methods
+    #[arg(value_name = "METHOD")]
+    only: Vec<String>,
     /// Print as JSON
     #[arg(long)]
     json: bool,
@@ -18,12 +21,17 @@ impl Methods {
     /// Runs the command.
     ///
     /// # Errors
-    /// None today.
+    /// A method that there is not.
     pub fn run(&self) -> Result<()> {
+        let known: Vec<&str> = REGISTRY.iter().map(|method| method.name).collect();
+        if let Some(unknown) = self.only.iter().find(|name| !known.contains(&name.as_str())) {
+            return Err(Error::new(Kind::Usage, "method", format!("no method {unknown:?}")).allowed(known.join(", ")));
+        }
+        let wanted = |method: &&MethodEntry| self.only.is_empty() || self.only.iter().any(|name| name == method.name);
         if self.json {
-            say!("{}", REGISTRY.iter().map(as_json).collect::<serde_json::Value>());
+            say!("{}", REGISTRY.iter().filter(wanted).map(as_json).collect::<serde_json::Value>());
         } else {
-            REGISTRY.iter().for_each(print);
+            REGISTRY.iter().filter(wanted).for_each(print);
         }
         Ok(())
     }

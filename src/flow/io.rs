@@ -66,7 +66,7 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<Field> {
         (field.u.data[i], field.v.data[i]) = (value(0), value(4));
         if value(0).is_nan() || value(4).is_nan() {
             return Err(data(format!("the motion at pixel ({}, {}) is not a number", i % width, i / width))
-                .remedy("mark unknown motion by values above 1e9"));
+                .remedy("write a number everywhere, 0 where nothing moves"));
         }
     }
     Ok(field)

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use crate::base::error::Result;
 use crate::flow::field::Field;
 use crate::library::piece::PieceRef;
 use crate::library::variant::PIECE;
@@ -9,8 +10,11 @@ use crate::measure::{Node, Usage};
 use crate::raster::image::Plane;
 use crate::raster::resample::resize;
 use crate::scene::asked::Asked;
+use crate::scene::designed::Designed;
 use crate::synth::record::{NodeRecord, RunRecord};
 
+/// Frames of a designed target that its mean motion is of.
+const TARGET_FRAMES: usize = 16;
 /// Asked directions less sure than this are none.
 const LEAST_STRENGTH: f32 = 0.25;
 
@@ -44,6 +48,26 @@ impl Known {
         let speed = asked.and_then(|(asked, rate)| speed(asked, rate / fps, size));
         let motion = asked.and_then(|(asked, _)| motion(asked, speed.as_ref(), size));
         Self { nodes, usage, asked: motion, asked_speed: speed }
+    }
+
+    /// With the motion of a designed target, `pace` of its frames a measured one: the mean of what it has where it is
+    /// opaque, over at most 16 frames.
+    ///
+    /// # Errors
+    /// Unreadable files.
+    pub fn with_target(self, designed: &Designed, pace: f32, size: (usize, usize)) -> Result<Self> {
+        let mut mean = Field::zeros(designed.size.0, designed.size.1);
+        let count = designed.frames().min(TARGET_FRAMES);
+        for t in (0..count).map(|i| i * designed.frames() / count) {
+            let (flow, alpha) = (designed.flow(t)?, designed.alpha(t)?);
+            for (sum, part) in [(&mut mean.u, &flow.u), (&mut mean.v, &flow.v)] {
+                let moving = part.data.iter().zip(&alpha.data).map(|(v, a)| v * a / count as f32);
+                sum.data.iter_mut().zip(moving).for_each(|(s, v)| *s += v);
+            }
+        }
+        let scale = pace * size.0 as f32 / designed.size.0 as f32;
+        let sized = |plane: &Plane| resize(plane, size.0, size.1).map(|v| scale * v);
+        Ok(Self { asked: Some(Field { u: sized(&mean.u), v: sized(&mean.v) }), ..self })
     }
 }
 

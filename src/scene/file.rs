@@ -36,6 +36,9 @@ pub const MOTION_KEYS: [&str; 5] = ["direction", "strokes", "orientation", "spee
 pub const OUTPUT_KEYS: [&str; 8] =
     ["frames", "frames_range", "fps", "size", "working_size", "seed", "alpha", "max_memory"];
 
+/// Keys that only the file of a simulation has.
+const SIMULATION_KEYS: [&str; 5] = ["mode", "steps", "emitter", "obstacle", "sides"];
+
 /// Frames of a loop when no number is asked for.
 pub const DEFAULT_FRAMES: usize = 120;
 
@@ -196,6 +199,10 @@ fn is_empty(path: &Path) -> bool {
 pub fn parse(text: &str, path: &Path) -> Result<SceneFile> {
     let bad = |e: toml::de::Error| Error::file(Kind::Usage, path, explain(&e, text)).source(e);
     let table: toml::Table = text.parse().map_err(bad)?;
+    if let Some(key) = SIMULATION_KEYS.iter().find(|key| table.contains_key(**key)) {
+        return Err(Error::file(Kind::Usage, path, format!("is a simulation, not a scene: it has {key}"))
+            .remedy("run enliven simulate with it, and animate the folder that it writes"));
+    }
     for (key, value) in &table {
         let inner = || value.as_table().into_iter().flat_map(|t| t.keys().map(String::as_str));
         match key.as_str() {

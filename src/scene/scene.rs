@@ -31,6 +31,10 @@ pub fn open(path: &Path) -> Result<SceneFile> {
         return Ok(scene);
     }
     let path = file_of(path);
+    if let Some((there, missing)) = half_a_target(&path) {
+        return Err(Error::file(Kind::Usage, &there, format!("has no folder {missing} beside it"))
+            .remedy("a designed target is a folder with flow and alpha in it, as enliven simulate writes"));
+    }
     if !path.exists() {
         return Err(Error::file(Kind::Io, &path, "there is no such file")
             .allowed("a picture, a scene file, or a folder with a scene.toml or with flow and alpha")
@@ -60,6 +64,17 @@ fn target_folder(folder: &Path) -> Result<Option<SceneFile>> {
         scene.output.fps = simulate::file::parse(&text, &simulation)?.fps;
     }
     Ok(Some(scene))
+}
+
+/// The folder of motion or opacity that stands alone where the scene file `path` should be, and the one that is missing.
+fn half_a_target(path: &Path) -> Option<(PathBuf, &'static str)> {
+    let folder = path.parent().filter(|_| !path.exists() && path.ends_with(SCENE_FILE))?;
+    let [flow, alpha] = ["flow", "alpha"].map(|name| folder.join(name));
+    match (flow.is_dir(), alpha.is_dir()) {
+        (true, false) => Some((flow, "alpha")),
+        (false, true) => Some((alpha, "flow")),
+        _ => None,
+    }
 }
 
 /// The file that a person points at: a scene's folder has its `scene.toml`.
@@ -325,6 +340,12 @@ fn check_exemplar(file: &SceneFile) -> Result<()> {
             .remedy("name an exemplar too; the opacity of the picture's own fluid is its matte"));
     }
     let alpha = file.exemplar_alpha.iter().filter(|alpha| alpha.as_os_str() != LUMINANCE);
+    if let Some(word) = alpha.clone().find(|alpha| alpha.extension().is_none() && !alpha.exists()) {
+        let problem = format!("{} is no file and no known word", word.display());
+        return Err(
+            Error::new(Kind::Usage, "exemplar_alpha", problem).allowed(format!("{LUMINANCE:?}, or a grey picture"))
+        );
+    }
     file.exemplar.iter().chain(alpha).try_for_each(|path| exists(path))
 }
 

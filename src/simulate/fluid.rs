@@ -126,7 +126,12 @@ impl<'s> Fluid<'s> {
         if speed * step <= MAX_WAY {
             return Ok(());
         }
-        let problem = format!("at frame {} it moves {:.1} pixels in one step", self.frame, speed * step);
+        let when = if self.frame < 0 {
+            format!("{} frames before the first", -self.frame)
+        } else {
+            format!("at frame {}", self.frame)
+        };
+        let problem = format!("{when} it moves {:.1} pixels in one step", speed * step);
         Err(Error::new(Kind::Usage, "steps", problem)
             .allowed(format!("up to {MAX_WAY}"))
             .remedy("give more steps a frame, or gentler forces and emitters"))

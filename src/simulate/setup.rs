@@ -82,6 +82,9 @@ impl Setup {
             return Err(wrong("obstacle", "no room is left for the fluid", "obstacles that leave some pixels free"));
         }
         let domain = Domain::new(width, height, solid, file.sides);
+        if file.mode == Mode::Gas && file.emitters.is_empty() {
+            return Err(wrong("emitter", "there is none, so nothing would be seen", "at least one table [[emitter]]"));
+        }
         let mut emitters = Vec::new();
         for n in 0..file.emitters.len() {
             emitters.push(emitter(&mut file, n, folder, &domain)?);

@@ -12,6 +12,7 @@ use crate::raster::filter::gaussian;
 use crate::raster::image::Plane;
 use crate::raster::premultiplied::Premultiplied;
 use crate::render::fade::mixed;
+use crate::scene::file::LUMINANCE;
 use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
 use crate::video::looping::{Distances, LoopPlan, plan_loop, thumbnail};
@@ -100,7 +101,12 @@ impl Exemplar {
             }
         };
         let exemplar = Self { content, own: false, fine };
-        exemplar.check(path, wanted.side)?;
+        exemplar.check(path, settings.exemplar_alpha.as_deref(), large, wanted.side)?;
+        let (width, height) = exemplar.at(0).size();
+        if (width, height) != large && wanted.long_side == 0 {
+            let name = path.display();
+            observer.note(&format!("{name}: used at {width} × {height} pixels, to have no more fluid than the target"));
+        }
         Ok(exemplar)
     }
 
@@ -148,15 +154,24 @@ impl Exemplar {
         }
     }
 
-    fn check(&self, path: &Path, side: usize) -> Result<()> {
+    fn check(&self, path: &Path, alpha: Option<&Path>, large: (usize, usize), side: usize) -> Result<()> {
         let (width, height) = self.at(0).size();
         if width.min(height) < side {
-            return Err(Error::file(Kind::Unusable, path, format!("an exemplar of {width} × {height} pixels"))
-                .allowed(format!("at least {side} × {side}, one patch")));
+            let shrunk = if (width, height) == large { "" } else { ", shrunk from a larger one" };
+            let problem = format!("an exemplar of {width} × {height} pixels{shrunk}");
+            return Err(Error::file(Kind::Unusable, path, problem)
+                .allowed(format!("at least {side} × {side}, one patch"))
+                .remedy("give a larger one, or a larger long side with option exemplar_size"));
         }
         if self.alphas_are(|a| a < UNSEEN) {
-            return Err(Error::file(Kind::Unusable, path, "the exemplar is transparent all over")
-                .remedy("give its opacity with --exemplar-alpha: a grey picture, white where the fluid is"));
+            let remedy = match alpha {
+                None => "give its opacity with --exemplar-alpha: a grey picture, white where the fluid is".to_owned(),
+                Some(word) if word.as_os_str() == LUMINANCE => {
+                    "it is too dark for luminance: give a grey picture with --exemplar-alpha".to_owned()
+                }
+                Some(painted) => format!("paint {} white where the fluid is", painted.display()),
+            };
+            return Err(Error::file(Kind::Unusable, path, "the exemplar is transparent all over").remedy(remedy));
         }
         Ok(())
     }

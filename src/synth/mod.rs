@@ -107,8 +107,10 @@ pub struct MethodEntry {
 /// All methods.
 pub const REGISTRY: &[MethodEntry] = &[database::ENTRY, advect::ENTRY, hybrid::ENTRY, lazyfluids::ENTRY, kwatra::ENTRY];
 
-/// The method of a scene that names none.
+/// The method of a picture when none is named.
 pub const DEFAULT_METHOD: &str = "database";
+/// The method of a designed target when none is named.
+pub const DESIGNED_METHOD: &str = "lazyfluids";
 
 /// The entry of a scene's method, after checking every option table of the scene; the scene gets its method's name and
 /// every option value, defaults included, so that what it writes repeats the run.
@@ -119,7 +121,8 @@ pub const DEFAULT_METHOD: &str = "database";
 pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
     check_options(&scene.settings().options)?;
     let names: Vec<&str> = REGISTRY.iter().map(|m| m.name).collect();
-    let name = scene.settings().method.clone().unwrap_or_else(|| DEFAULT_METHOD.to_owned());
+    let usual = if scene.designed().is_some() { DESIGNED_METHOD } else { DEFAULT_METHOD };
+    let name = scene.settings().method.clone().unwrap_or_else(|| usual.to_owned());
     let method = REGISTRY
         .iter()
         .find(|m| m.name == name)

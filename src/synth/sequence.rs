@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use super::chain::{Chain, Recipe, State};
 use super::detail::Detail;
 use super::exemplar::{Exemplar, Wanted};
+use super::maps::maps;
 use super::record::{FrameRecord, RunRecord, SynthesisRecord, Timed};
 use super::{Outcome, memory};
 use crate::base::error::Result;
@@ -13,9 +14,10 @@ use crate::flow::draw;
 use crate::flow::field::Field;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::premultiplied::Premultiplied;
-use crate::raster::resample::resize;
+use crate::raster::resample::{resize, resize_rgb8};
 use crate::render::fade::mixed;
 use crate::render::overlay::Overlay;
+use crate::render::recover::AssignedMotion;
 use crate::render::streaks::streaked;
 use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
@@ -91,7 +93,13 @@ fn animate(run: &Run, recipe: &Recipe, showing: &Showing, sink: &mut dyn Sink) -
     };
     made.extend(lead.iter().rev().map(|state| state.record.clone()));
     let detail = if showing.shutter > 0.0 { None } else { detail(run, recipe) };
-    let show = Show { target, chain: &chain, shutter: showing.shutter, detail };
+    let soft = scene.designed().is_some() && exemplar.is_opaque();
+    if soft {
+        observer.note(
+            "the exemplar is opaque all over, so the edges are the target's own; one with soft edges has more to lend",
+        );
+    }
+    let show = Show { target, chain: &chain, shutter: showing.shutter, detail, soft };
     let mut state = first;
     stage(observer, "frames", wanted.len() as u64, || {
         for t in 0..wanted.end {
@@ -116,7 +124,7 @@ fn animate(run: &Run, recipe: &Recipe, showing: &Showing, sink: &mut dyn Sink) -
         }
         Ok(())
     })?;
-    outcome(run, made)
+    outcome(run, made_up(run, &overlay), made)
 }
 
 /// The `count` frames before the first, in order.
@@ -138,6 +146,8 @@ struct Show<'a> {
     chain: &'a Chain<'a>,
     shutter: f32,
     detail: Option<Detail>,
+    /// Whether opacity is the target's: an opaque exemplar has no edges to lend.
+    soft: bool,
 }
 
 /// A frame as it is seen.
@@ -168,8 +178,13 @@ impl Show<'_> {
     fn alone(&self, state: &State) -> Result<Shown> {
         let detail = self.detail.as_ref().zip(self.chain.atlas()).map(|(detail, atlas)| detail.of(state, atlas));
         let mut fluid = state.shown();
+        let place = state.t.clamp(0, self.target.frames() as i64 - 1) as usize;
+        if self.soft {
+            let alpha = self.target.alpha(place)?;
+            let planes = fluid.planes.iter_mut();
+            planes.for_each(|plane| plane.data.iter_mut().zip(&alpha.data).for_each(|(v, a)| *v *= a));
+        }
         if self.shutter > 0.0 {
-            let place = state.t.clamp(0, self.target.frames() as i64 - 1) as usize;
             fluid = streaked(&fluid, &self.target.flow(place)?, self.shutter);
         }
         Ok(Shown { fluid, detail })
@@ -187,21 +202,40 @@ fn detail(run: &Run, recipe: &Recipe) -> Option<Detail> {
 fn overlay(run: &Run) -> Result<Overlay> {
     let Run { scene, still, exemplar, observer, .. } = *run;
     // The picture's own fluid fills its matte: nothing shows through that did not before.
-    let behind = if exemplar.own && still.background.is_none() {
-        None
-    } else {
-        Some(super::outline::background(still, observer)?)
+    let behind = match exemplar.own {
+        true => {
+            if still.background.is_some() {
+                observer.note("the outline does not move, so the background is not seen");
+            }
+            None
+        }
+        false => Some(super::outline::background(still, observer)?),
     };
     let matte = scene.designed().is_none().then(|| still.matte.clone());
     Ok(Overlay { picture: still.picture.clone(), matte, behind })
 }
 
-fn outcome(run: &Run, frames: Vec<FrameRecord>) -> Result<Outcome> {
-    let (width, height) = run.still.map.working;
-    let flow = run.target.flow(0)?;
+fn outcome(run: &Run, background: Option<Rgb8>, frames: Vec<FrameRecord>) -> Result<Outcome> {
+    let Run { scene, still, target, exemplar, .. } = *run;
+    let (width, height) = still.map.working;
+    let flow = target.flow(0)?;
     let field = Field { u: resize(&flow.u, width, height), v: resize(&flow.v, width, height) };
-    let exemplar: Rgb8 = run.exemplar.at(0).on_black();
-    let pictures = vec![("exemplar", exemplar), ("motion", draw::colour(&field, 0.0))];
-    let synthesis = SynthesisRecord { exemplar_size: run.exemplar.at(0).size(), frames };
-    Ok(Outcome { record: RunRecord { synthesis: Some(synthesis), ..RunRecord::default() }, pictures })
+    let mut pictures = vec![("exemplar", exemplar.at(0).on_black()), ("motion", draw::colour(&field, 0.0))];
+    pictures.extend(background.map(|background| ("background", background)));
+    let mut max_speed = None;
+    if scene.designed().is_none() {
+        let motion = AssignedMotion { activity: field.magnitude(), mean: field };
+        let maps = maps(&motion, 1.0, still.asked.as_ref(), &still.working_matte, &still.map);
+        pictures.extend(maps.pictures);
+        max_speed = Some(maps.max_speed);
+    }
+    let synthesis = Some(SynthesisRecord { exemplar_size: exemplar.at(0).size(), frames });
+    Ok(Outcome { record: RunRecord { synthesis, max_speed, ..RunRecord::default() }, pictures })
+}
+
+/// What was made up behind the fluid, at the picture's size, for a person to paint over.
+fn made_up(run: &Run, overlay: &Overlay) -> Option<Rgb8> {
+    let (width, height) = run.still.map.picture;
+    let made = overlay.behind.as_ref().filter(|_| run.still.background.is_none())?;
+    Some(resize_rgb8(made, width, height))
 }
