@@ -217,7 +217,8 @@ fn turbulence_ends_symmetry_and_only_where_there_is_smoke() {
     let last = |gas: &str| frames(&format!("size = [64, 80]\n[gas]\nopacity = 2\n{gas}\n{PLUME}"), 30).pop().unwrap();
     let (calm, stirred) = (last(""), last("turbulence = 0.3"));
     assert!(skew(&calm) < 1e-3 && skew(&stirred) > 0.2, "{} {}", skew(&calm), skew(&stirred));
-    let clear = frames("size = [64, 80]\n[gas]\nturbulence = 1\n", 5).pop().unwrap();
+    let later = "[[emitter]]\ndisc = [32, 40, 3]\nrate = 1\nfrom = 50\nuntil = 60\n";
+    let clear = frames(&format!("size = [64, 80]\n[gas]\nturbulence = 1\n{later}"), 5).pop().unwrap();
     assert!(clear.flow.magnitude().data.iter().all(|&speed| speed == 0.0));
 }
 

@@ -219,7 +219,7 @@ pub fn explain(error: &toml::de::Error, text: &str) -> String {
     if said.contains("untagged enum Value") {
         return "an option is a number, true or false, or a word".to_owned();
     }
-    if let Some(number) = said.split('`').nth(1).and_then(|value| value.strip_prefix("integer ")?.strip_prefix('-')) {
+    if let Some(number) = said.split("integer `-").nth(1).and_then(|rest| rest.split('`').next()) {
         let place =
             error.span().and_then(|span| key_of(text, span.start)).map_or(String::new(), |key| format!("{key} = "));
         return at_line(line, &format!("{place}-{number} is below 0; write a whole number from 0 on"));

@@ -101,8 +101,9 @@ impl Exemplar {
             }
         };
         let exemplar = Self { content, own: false, fine };
-        exemplar.check(path, settings.exemplar_alpha.as_deref(), large, wanted.side)?;
         let (width, height) = exemplar.at(0).size();
+        let shrunk = (width, height) != large || large.0.max(large.1) == picture_side;
+        exemplar.check(path, settings.exemplar_alpha.as_deref(), shrunk, wanted.side)?;
         if (width, height) != large && wanted.long_side == 0 {
             let name = path.display();
             observer.note(&format!("{name}: used at {width} × {height} pixels, to have no more fluid than the target"));
@@ -154,10 +155,10 @@ impl Exemplar {
         }
     }
 
-    fn check(&self, path: &Path, alpha: Option<&Path>, large: (usize, usize), side: usize) -> Result<()> {
+    fn check(&self, path: &Path, alpha: Option<&Path>, shrunk: bool, side: usize) -> Result<()> {
         let (width, height) = self.at(0).size();
         if width.min(height) < side {
-            let shrunk = if (width, height) == large { "" } else { ", shrunk from a larger one" };
+            let shrunk = if shrunk { ", shrunk from a larger one" } else { "" };
             let problem = format!("an exemplar of {width} × {height} pixels{shrunk}");
             return Err(Error::file(Kind::Unusable, path, problem)
                 .allowed(format!("at least {side} × {side}, one patch"))
