@@ -14,6 +14,7 @@ use enliven::library::variant::CELL;
 use enliven::measure::{Footage, Subject, value};
 use enliven::raster::components::Components;
 use enliven::raster::image::Plane;
+use enliven::render::layout::BANDS;
 use enliven::scene::file::SceneFile;
 
 use super::{Arguments, Distances, Known, distances, keep_frames};
@@ -90,13 +91,22 @@ struct Row {
     scores: [f64; 2],
     /// Sharpness, colour, loop, flicker and warp error, see [`MEASURES`].
     values: [f64; 5],
+    /// Deviation over time, over the clip's, per band.
+    strength: [f32; BANDS],
     seconds: f64,
 }
 
 /// The clip itself, by the measures beside the distances.
 fn real(clip: &Known) -> Row {
     let (method, distances) = ("real".to_owned(), clip.floor);
-    Row { method, distances, scores: clip.scores(distances), values: values(&clip.target, &clip.target), seconds: 0.0 }
+    Row {
+        method,
+        distances,
+        scores: clip.scores(distances),
+        values: values(&clip.target, &clip.target),
+        strength: [1.0; BANDS],
+        seconds: 0.0,
+    }
 }
 
 /// Measures beside the distances, and factors they are printed with.
@@ -125,6 +135,7 @@ fn row(clip: &Known, method: &str, arguments: &Arguments) -> Result<Row> {
         distances,
         scores: clip.scores(distances),
         values: values(&footage, &clip.target),
+        strength: clip.strength(&footage),
         seconds,
     })
 }
@@ -137,7 +148,7 @@ fn values(footage: &Footage, target: &Footage) -> [f64; 5] {
 impl Row {
     fn head() -> String {
         format!(
-            "{:17} {:9} {:>7} {:>6} {:>6} {:>8} {:>6} {:>6} {:>6} {:>6} {:>7} {:>6} {:>5}",
+            "{:17} {:9} {:>7} {:>6} {:>6} {:>8} {:>6} {:>6} {:>6} {:>6} {:>7} {:>6} {:>5}  strength",
             "clip",
             "method",
             "dyn ×1k",
@@ -157,12 +168,13 @@ impl Row {
 
 impl std::fmt::Display for Row {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { method, distances: Distances { dynamics, spectrum, shape }, scores, values, seconds } = self;
+        let Self { method, distances: Distances { dynamics, spectrum, shape }, scores, values, strength, seconds } =
+            self;
         let [sharp, colour, closing, flicker, warp] = values;
         write!(
             f,
             "{:17} {method:9} {:7.1} {:6.2} {shape:6.2} {spectrum:8.2} {:6.2} {sharp:6.2} {colour:6.2} {closing:6.2} \
-             {flicker:7.2} {warp:6.1} {seconds:5.0}",
+             {flicker:7.2} {warp:6.1} {seconds:5.0}  {strength:.2?}",
             "",
             1000.0 * dynamics,
             scores[0],

@@ -51,8 +51,6 @@ pub struct Carry<'a> {
     pub life: f32,
     /// Share of a period in which two copies are seen, above 0 to 1.
     pub fade: f32,
-    /// Light and shade coarser than this stay: σ of a Gaussian, pixels of the working image.
-    pub steady: f32,
     /// Seed of where periods begin.
     pub seed: u64,
 }
@@ -310,7 +308,7 @@ mod tests {
     /// Noise carried along a flow over a matte; periods begin everywhere at once.
     fn carried(flow: &Field, matte: &Plane, life: f32) -> Carried {
         let (frames, fps) = (48, 25.0);
-        let carry = Carry { flow, frames, fps, life, fade: 0.5, steady: 16.0, seed: 1 };
+        let carry = Carry { flow, frames, fps, life, fade: 0.5, seed: 1 };
         let texels = (0..SIZE.0 * SIZE.1).map(|i| [(texel(i % SIZE.0, i / SIZE.0) * STEPS) as i16; 4]).collect();
         let mut carried = Carried::new(texels, SIZE, Plane::from_fn(SIZE.0, SIZE.1, texel), matte, &carry);
         carried.phases.fill(0.0);
@@ -367,7 +365,7 @@ mod tests {
         // Outside, detail is 1; in the fluid it is 0.
         let matte = Plane::from_fn(SIZE.0, SIZE.1, |x, y| if x + y / 3 < 60 { 0.0 } else { 1.0 });
         let flow = uniform(3.0, 0.5);
-        let carry = Carry { flow: &flow, frames: 20, fps: 25.0, life: 20.0, fade: 0.5, steady: 16.0, seed: 1 };
+        let carry = Carry { flow: &flow, frames: 20, fps: 25.0, life: 20.0, fade: 0.5, seed: 1 };
         let outside = matte.map(|m| 1.0 - m);
         let texels = outside.data.iter().map(|o| [(o * STEPS) as i16; 4]).collect();
         let carried = Carried::new(texels, SIZE, outside.clone(), &matte, &carry);

@@ -5,6 +5,8 @@
 
 mod carrying;
 
+pub use carrying::Stays;
+
 use std::ops::Range;
 
 use multiversion::multiversion;

@@ -82,6 +82,8 @@ pub struct Match {
     pub gains: Vec<[f32; BANDS]>,
     /// Share of the picture's variance that the differences then have, 0 to 1.
     pub shares: Vec<[f32; BANDS]>,
+    /// Share of the rest that moves in the clip as well, 0 to 1.
+    pub restless: Vec<[f32; BANDS]>,
 }
 
 /// Matches the differences to the picture. `contrast` holds the levels of [`Layout::levels`]; `luma` and `matte` are
@@ -103,13 +105,15 @@ pub fn match_contrast(
             let wanted = picture_contrast(&picture[band], &mattes[band], placement, band).max(NOISE);
             let of = |sums: &[Plane]| contrast[level].over(sums, layout, placement, band);
             let (seen, moving) = (of(&contrast[level].seen), of(&contrast[level].moving));
-            let found = if band < FINE { moving } else { seen };
+            let (found, moves) =
+                if band < FINE { (moving, 1.0) } else { (seen, (moving / seen.max(NOISE)).min(1.0).powi(2)) };
             let gain = gain(band, wanted / found.max(NOISE), strength);
-            (gain, (gain * moving / wanted).min(1.0).powi(2))
+            let share = (gain * moving / wanted).min(1.0).powi(2);
+            [gain, share, ((moves - share) / (1.0 - share).max(1e-6)).clamp(0.0, 1.0)]
         })
     });
-    let part = |of: fn((f32, f32)) -> f32| matched.iter().map(|bands: &[(f32, f32); BANDS]| bands.map(of)).collect();
-    Match { gains: part(|m| m.0), shares: part(|m| m.1) }
+    let part = |k: usize| matched.iter().map(|bands: &[[f32; 3]; BANDS]| bands.map(|band| band[k])).collect();
+    Match { gains: part(0), shares: part(1), restless: part(2) }
 }
 
 /// Factor of a band whose contrast in the picture is `ratio` times that found in the clip.

@@ -11,6 +11,7 @@ use crate::base::options::declare_options;
 use crate::flow::draw;
 use crate::flow::field::Field;
 use crate::render::carry::Carry;
+use crate::render::composite::Stays;
 use crate::render::recover::AssignedMotion;
 use crate::scene::file::Output;
 use crate::scene::scene::{Scene, Still};
@@ -45,8 +46,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
 impl Options {
     /// How the picture is carried along `flow` in the loop of `output`.
     pub fn carry<'a>(&self, flow: &'a Field, output: &Output) -> Carry<'a> {
-        let &Self { life, fade, steady } = self;
-        Carry { flow, frames: output.length(), fps: output.fps, life, fade, steady, seed: output.seed }
+        let &Self { life, fade, .. } = self;
+        Carry { flow, frames: output.length(), fps: output.fps, life, fade, seed: output.seed }
     }
 }
 
@@ -70,7 +71,11 @@ impl Synthesizer for Advect {
             None => (&still.working, &still.working_matte),
         };
         let carried = stage(observer, "prepare", 0, || {
-            Ok(compositor(&still, apart.as_ref(), fluid).carrying(matte, &self.options.carry(&flow, &output)))
+            Ok(compositor(&still, apart.as_ref(), fluid).carrying(
+                matte,
+                &Stays::Coarser(self.options.steady),
+                &self.options.carry(&flow, &output),
+            ))
         })?;
         frames::carry(scene, &carried, &still.working_matte, sink, observer)?;
         Ok(outcome(&still, flow))

@@ -1,5 +1,6 @@
 //! The hybrid of `advect` and the database method (ours): the picture itself is carried along, and the pieces'
-//! differences, of which only the finer bands are kept, make it change on its way.
+//! differences make it change on its way. Band by band the clips tell how much of the fluid moves at all; of that the
+//! pieces bring a share, and the carried picture brings the rest. What does not move in the clips stays in its place.
 //!
 //! Okabe, Anjyo & Onai name what their blurred average loses: trajectories disappear (2011, §7.2). The stages are those of
 //! [`Database`]; what the differences are added to is not a still average but a picture that flows.
@@ -10,7 +11,6 @@ use crate::base::error::Result;
 use crate::base::options::{Declared, Table, declare_options, refuse_unknown};
 use crate::flow::field::Field;
 use crate::render::carry::Carry;
-use crate::render::layout::BANDS;
 use crate::scene::file::Output;
 
 declare_options! {
@@ -20,10 +20,6 @@ declare_options! {
         life: f32 = 40.0, in 8, 1000, "frames", "methods §2.4";
         /// Share of that time in which the old and the new are seen together.
         fade: f32 = 0.5, in 0.1, 1, "ratio", "Holynski 2021, §4.2";
-        /// Light and shade of the picture coarser than this stay in their place: σ of a Gaussian.
-        steady: f32 = 4.0, in 1, 200, "pixels", "methods §2.4";
-        /// Differences coarser than this are left out: σ of a Gaussian.
-        high_pass: f32 = 12.0, in 1, 200, "pixels", "methods §2.4";
         /// Contrast of the pieces' part relative to what the picture's contrast and the clip's still part leave for it; the
         /// rest is the picture's own detail. More changes more, and is less sharp.
         strength: f32 = 0.7, in 0, 4, "ratio", "methods §2.4";
@@ -32,8 +28,8 @@ declare_options! {
     }
 }
 
-/// Options of the database method that mean nothing where the picture is carried, and one that has another default here.
-const UNSHARED: [&str; 6] = ["shutter", "blur", "recovery", "coarse", "drift", "strength"];
+/// Options of the database method that mean nothing where the picture is carried, and one with another default here.
+const UNSHARED: [&str; 5] = ["shutter", "blur", "recovery", "drift", "strength"];
 
 /// Registry entry.
 pub const ENTRY: MethodEntry = MethodEntry {
@@ -76,18 +72,10 @@ fn read(table: &Table) -> Result<(Options, database::Options)> {
 }
 
 impl Options {
-    /// Share of each band, fine to coarse, that a Gaussian of `high_pass` leaves over: that at the middle of the band.
-    pub fn high_pass(&self) -> [f32; BANDS] {
-        std::array::from_fn(|band| {
-            let wave = 4.0 * (1 << band) as f32;
-            1.0 - (-0.5 * (std::f32::consts::TAU * self.high_pass / wave).powi(2)).exp()
-        })
-    }
-
     /// How the picture is carried along `flow` in the loop of `output`.
     pub fn carry<'a>(&self, flow: &'a Field, output: &Output) -> Carry<'a> {
-        let &Self { life, fade, steady, .. } = self;
-        Carry { flow, frames: output.length(), fps: output.fps, life, fade, steady, seed: output.seed }
+        let &Self { life, fade, .. } = self;
+        Carry { flow, frames: output.length(), fps: output.fps, life, fade, seed: output.seed }
     }
 }
 
@@ -110,11 +98,5 @@ mod tests {
             [("pace", 2.0), ("speed", 0.3), ("strength", 0.4)].map(|(name, v)| (name.to_owned(), Value::Number(v)));
         let (own, shared) = read(&(ENTRY.complete)(&table.into_iter().collect()).unwrap()).unwrap();
         assert_eq!((own.pace, shared.speed, shared.strength), (2.0, 0.3, 0.4));
-    }
-
-    #[test]
-    fn coarse_bands_are_left_out() {
-        let passed = Options { high_pass: 8.0, ..Options::default() }.high_pass();
-        assert!(passed[0] > 0.99 && passed[4] < 0.3 && passed.windows(2).all(|pair| pair[0] >= pair[1]), "{passed:?}");
     }
 }

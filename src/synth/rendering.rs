@@ -8,14 +8,13 @@ use super::footage::Clip;
 use super::outline::{self, Outline};
 use super::pick::Choice;
 use super::placing::Placed;
-use super::speeds;
 use crate::base::error::Result;
 use crate::base::observe::Observer;
 use crate::raster::image::{Color, Plane, Rgb8};
 use crate::render::appearance::{Matching, Sample, spread};
 use crate::render::blend::Blender;
 use crate::render::boundary::Boundary;
-use crate::render::composite::Compositor;
+use crate::render::composite::{Compositor, Stays};
 use crate::render::contrast::{Contrast, FINE, Match, Strength, match_contrast};
 use crate::render::drift::Travel;
 use crate::render::layers::Layers;
@@ -121,24 +120,12 @@ pub fn separate(run: &Run, placed: &Placed) -> Result<Option<Apart>> {
 /// # Errors
 /// A damaged pack, a cancel.
 pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apart>) -> Result<Rendering> {
-    let Options { shutter, blur, recovery: amount, .. } = *run.options;
     let Run { still, .. } = *run;
     let matched = matched_contrast(run, placed, clips);
     clips.iter_mut().for_each(Clip::forget_contrast);
     let motion = assigned_motion(&placed.layout);
-    // Before a background the fluid is recovered wherever it may come, from its own colours.
-    let (fluid, matte) = match &apart {
-        Some(Apart { layers, .. }) => (&layers.fluid, &layers.reach),
-        None => (&still.working, &still.working_matte),
-    };
-    let recovered = match run.carrying {
-        None => recover(fluid, matte, &motion, &Recovery { shutter, blur, amount }),
-        // What is carried needs no blur: its detail moves.
-        Some(_) => fluid.clone(),
-    };
-    let shares = std::array::from_fn(|band| placed.layout.spread(|i| matched.shares[i][band]));
-    let recovered = make_room(&recovered, fluid, matte, &shares);
-    let blender = Blender::new(&placed.layout, &matched.gains);
+    let fluid = apart.as_ref().map_or(&still.working, Apart::fluid);
+    let recovered = recovered(run, placed, apart.as_ref(), &motion, &matched);
     let luma = recovered.luma();
     let target = Target {
         matching: matching(run.options),
@@ -150,11 +137,13 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
     let compositor = match run.carrying {
         None => drifting(run, compositor, &motion),
         Some(options) => {
-            let flow = base_flow::flow(still, &speeds::measure(run, placed)?, options.pace * run.pace());
-            let fluid = apart.as_ref().map_or(&still.working_matte, Apart::matte);
-            compositor.carrying(fluid, &options.carry(&flow, &run.scene.settings().output))
+            let flow = base_flow::of(run, placed, options.pace)?;
+            let matte = apart.as_ref().map_or(&still.working_matte, Apart::matte);
+            let carry = options.carry(&flow, &run.scene.settings().output);
+            compositor.carrying(matte, &Stays::But(&restless(placed, apart.as_ref(), &matched)), &carry)
         }
     };
+    let blender = Blender::new(&placed.layout, &matched.gains);
     let (outline, run_in, background) = match apart {
         None => (Outline::fixed(&still.working_matte), 0, None),
         Some(Apart { layers, made, tau }) => {
@@ -164,17 +153,41 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
     Ok(Rendering { motion, blender, target, compositor, outline, run_in, background })
 }
 
+/// The fluid without what the differences bring.
+fn recovered(run: &Run, placed: &Placed, apart: Option<&Apart>, motion: &AssignedMotion, matched: &Match) -> Color {
+    let Options { shutter, blur, recovery: amount, .. } = *run.options;
+    // Before a background the fluid is recovered wherever it may come, from its own colours.
+    let (fluid, matte) = match apart {
+        Some(Apart { layers, .. }) => (&layers.fluid, &layers.reach),
+        None => (&run.still.working, &run.still.working_matte),
+    };
+    let recovered = match run.carrying {
+        None => recover(fluid, matte, motion, &Recovery { shutter, blur, amount }),
+        // What is carried needs no blur: its detail moves.
+        Some(_) => fluid.clone(),
+    };
+    let shares = std::array::from_fn(|band| placed.layout.spread(|i| matched.shares[i][band]));
+    make_room(&recovered, fluid, matte, &shares)
+}
+
+/// How much of the picture travels, per band and on cells: as much as moves in the clips. Of a fluid whose outline lets
+/// go nothing belongs to the place: it has no bed that lights and shades it.
+fn restless(placed: &Placed, apart: Option<&Apart>, matched: &Match) -> [Plane; BANDS] {
+    let loose = apart.is_some_and(|apart| apart.tau > 0.0);
+    let of = |i: usize, band: usize| if loose { 1.0 } else { matched.restless[i][band] };
+    std::array::from_fn(|band| placed.layout.spread(|i| of(i, band)))
+}
+
 fn matched_contrast(run: &Run, placed: &Placed, clips: &[Clip]) -> Match {
-    let Run { still, carrying, .. } = *run;
+    let Run { still, .. } = *run;
     let Options { strength, max_gain, coarse, .. } = *run.options;
     let contrast = |key: &LevelKey| {
         let clip = &clips[placed.sources[key.source].0];
         clip.contrast(key.scale).expect("a clip is studied at every scale it is used at")
     };
     let contrasts: Vec<&Contrast> = placed.layout.levels().iter().map(contrast).collect();
-    let high_pass = carrying.map_or([1.0; BANDS], |c| c.high_pass());
-    let factor = |band: usize| if band < FINE { high_pass[band] } else { coarse * high_pass[band] };
-    let strength = Strength { strength, max_gain, bands: std::array::from_fn(factor) };
+    let bands = std::array::from_fn(|band| if band < FINE { 1.0 } else { coarse });
+    let strength = Strength { strength, max_gain, bands };
     match_contrast(&placed.layout, &contrasts, &still.working.luma(), &still.working_matte, &strength)
 }
 
