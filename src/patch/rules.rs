@@ -77,7 +77,7 @@ impl Rules {
 
     /// Whether pixels are means by weights that do not depend on how well patches fit.
     pub fn blends(&self) -> bool {
-        matches!(self.manner, Manner::Mean | Manner::Centred)
+        matches!(self.manner, Manner::Mean | Manner::Centred | Manner::Median)
     }
 
     /// What is voted after a search; before the first one, the mean of the field.

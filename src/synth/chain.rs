@@ -196,7 +196,7 @@ impl<'a> Chain<'a> {
         // Robust votes are powers of whole-number distances; one of distance 1 is what the anchor counts in.
         let vote = match self.recipe.settings.manner {
             Manner::Robust => f64::from(layout.to_distance(1.0)).powf(-0.6) as f32,
-            Manner::Mean | Manner::Centred | Manner::Discrete => 1.0,
+            Manner::Mean | Manner::Centred | Manner::Median | Manner::Discrete => 1.0,
         };
         let weight = coherence.map(|c| c * self.recipe.anchor * vote);
         Anchor { planes: before.planes[..synthesised].to_vec(), weight }

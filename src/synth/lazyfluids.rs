@@ -45,7 +45,7 @@ declare_options! {
         /// crisper and boils more.
         keep: f32 = 0.75, in 0, 1, "ratio", "ours";
         /// How the patches over a pixel make it.
-        vote: Manner = Manner::Centred, in 0, 3, "", "Wexler et al. 2007; ours";
+        vote: Manner = Manner::Median, in 0, 4, "", "Wexler et al. 2007; ours";
         /// Long side of the exemplar; 0 shrinks it until it has no more fluid than the target, so that all of it is used.
         /// It is never enlarged.
         exemplar_size: usize = 0, in 0, 4096, "pixels", "ours";
