@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use enliven::base::error::{Error, Result};
 use enliven::base::observe::Silent;
+use enliven::base::par;
 use enliven::base::rng;
 use enliven::raster::filter::gaussian;
 use enliven::raster::image::{Color, Plane, Rgb8};
@@ -191,5 +192,82 @@ fn the_fluid_moves_as_fast_as_is_asked() {
         };
         let best = (0..32).min_by(|&a, &b| apart(a).total_cmp(&apart(b))).unwrap();
         assert!((best as f32 / 8.0 / speed - 1.0).abs() < 0.3, "{speed}: {best} pixels in 8 frames");
+    }
+}
+
+/// Mean squared steps across and down, inside the fluid.
+fn steps(frame: &Rgb8) -> (f32, f32) {
+    let luma = frame.luma();
+    let inside = || (12..84).flat_map(|y| (56..120).map(move |x| (x, y)));
+    let across = inside().map(|(x, y)| (luma.at(x + 1, y) - luma.at(x, y)).powi(2)).sum();
+    (across, inside().map(|(x, y)| (luma.at(x, y + 1) - luma.at(x, y)).powi(2)).sum())
+}
+
+#[test]
+fn an_open_shutter_blurs_along_the_motion() {
+    let stage = Stage::new();
+    let strokes = r#"{"strokes": [{"points": [[46, 48], [128, 48]], "speed": 3}]}"#;
+    std::fs::write(stage.path("s.json"), strokes).unwrap();
+    for method in ["lazyfluids", "kwatra"] {
+        let ratio = |shutter: f32| {
+            let scene = format!(
+                "method = '{method}'\nexemplar = 'e.png'\n[motion]\nstrokes = 's.json'\n[output]\nframes = 4\n\
+                 [{method}]\nshutter = {shutter:?}\n"
+            );
+            let (across, down) = steps(&stage.run(&scene).unwrap().0[3]);
+            across / down
+        };
+        let (closed, open) = (ratio(0.0), ratio(4.0));
+        assert!(open < 0.5 * closed, "{method}: {open} {closed}");
+    }
+}
+
+#[test]
+fn turned_copies_of_the_exemplar_are_used_as_well() {
+    let stage = Stage::new();
+    let stripes = Plane::from_fn(40, 36, |x, _| 0.5 + 0.4 * (x as f32 * 1.3).sin());
+    write_grey_png(&stage.path("stripes.png"), &stripes).unwrap();
+    let ratio = |rotations: usize| {
+        let scene = format!("{LAZY}exemplar = 'stripes.png'\n{DOWN}[lazyfluids]\nrotations = {rotations}\n");
+        let (frames, outcome) = stage.run(&scene).unwrap();
+        for frame in outcome.record.synthesis.unwrap().frames {
+            let (least, most) = frame.inside_usage.unwrap();
+            assert!(most - least <= 1, "{rotations}: {frame:?}");
+        }
+        let (across, down) = steps(&frames[5]);
+        down / across
+    };
+    let (upright, turned) = (ratio(1), ratio(4));
+    assert!(turned > 3.0 * upright && turned > 0.5, "{turned} {upright}");
+}
+
+#[test]
+fn a_clip_gives_the_same_on_any_number_of_threads() {
+    let stage = Stage::new();
+    write_clip(&stage.path("clip"), 20);
+    let scene = format!("{LAZY}exemplar = 'clip'\nexemplar_alpha = 'luminance'\n{DOWN}");
+    let run = |threads| par::with_threads(threads, || stage.run(&scene)).unwrap().unwrap().0;
+    assert!(run(1) == run(2));
+}
+
+#[test]
+fn parts_of_a_fluid_keep_to_themselves_at_the_edges_too() {
+    let stage = Stage::new();
+    // Two fluids, one red and one blue, that come in over the top and go out below.
+    let red = |x: usize| x < SIZE.0 / 2;
+    let mut picture = texture(SIZE.0, SIZE.1, 1);
+    for (i, pixel) in picture.data.chunks_exact_mut(3).enumerate() {
+        let bright = pixel[1] / 4;
+        pixel.copy_from_slice(&if red(i % SIZE.0) { [150 + bright, 90, 60] } else { [60, 90, 150 + bright] });
+    }
+    write_png(&stage.path("p.png"), &picture).unwrap();
+    let matte = Plane::from_fn(SIZE.0, SIZE.1, |x, _| f32::from(x.abs_diff(SIZE.0 / 2) > 6));
+    write_grey_png(&stage.path("m.png"), &matte).unwrap();
+    let (frames, _) = stage.run(&format!("{LAZY}[motion]\ndirection = 90\n[output]\nframes = 12\n")).unwrap();
+    let fluid: Vec<_> =
+        (0..SIZE.1).flat_map(|y| (0..SIZE.0).map(move |x| (x, y))).filter(|&(x, y)| matte.at(x, y) > 0.0).collect();
+    for (t, frame) in frames.iter().enumerate() {
+        let strange = fluid.iter().filter(|&&(x, y)| (frame.pixel(x, y)[0] > frame.pixel(x, y)[2]) != red(x)).count();
+        assert!(strange * 100 <= fluid.len(), "{t}: {strange} of {}", fluid.len());
     }
 }

@@ -4,6 +4,7 @@ use std::borrow::Cow;
 
 use super::channels::{Channels, Parts};
 use super::exemplar::Exemplar;
+use super::own::Own;
 use super::record::FrameRecord;
 use super::whole_pixels::{Carry, moved, shown};
 use crate::base::error::{Error, Kind, Result};
@@ -77,6 +78,8 @@ pub struct Chain<'a> {
     source: Option<Source>,
     /// The fluid's surroundings, where patches know them.
     around: Option<[Plane; 3]>,
+    /// The picture's own fluid, where that is the exemplar.
+    own: Option<Own>,
     opaque: bool,
 }
 
@@ -94,7 +97,8 @@ impl<'a> Chain<'a> {
         let engine = Engine::new(recipe.channels.layout(recipe.radius)?, recipe.settings.clone());
         let around = recipe.channels.surroundings(&exemplar.at(0));
         let opaque = exemplar.is_opaque();
-        let mut chain = Self { recipe, engine, exemplar, target, observer, source: None, around, opaque };
+        let own = exemplar.own.then(|| Own::new(&exemplar.at(0), recipe.settings.seed));
+        let mut chain = Self { recipe, engine, exemplar, target, observer, source: None, around, own, opaque };
         if exemplar.is_still() {
             chain.source = Some(chain.source(0, 0)?);
         }
@@ -149,9 +153,14 @@ impl<'a> Chain<'a> {
         let t = if back { state.t - 1 } else { state.t + 1 };
         let (alpha, flow) = self.motion(state.t, t)?;
         let carry = Carry::new(&flow, &state.owed);
-        let before = Premultiplied::from_planes(state.layer.planes.each_ref().map(|p| carry.carried(p)));
-        let place = state.t.clamp(0, self.target.frames() as i64 - 1) as usize;
-        let coherence = coherence(&alpha, &self.target.alpha(place)?, &flow, &carry);
+        let mut before = Premultiplied::from_planes(state.layer.planes.each_ref().map(|p| carry.carried(p)));
+        let coherence = match &self.own {
+            Some(own) => {
+                own.fill(&mut before, &flow, t);
+                Plane::filled(alpha.width, alpha.height, 1.0)
+            }
+            None => coherence(&alpha, &self.target.alpha(self.place(state.t))?, &flow, &carry),
+        };
         let mut start = before.clone();
         if !self.recipe.channels.makes_alpha() {
             start.planes[3] = alpha.clone();
@@ -181,13 +190,16 @@ impl<'a> Chain<'a> {
 
     /// Designed opacity of frame `to`, and the motion that leads there from its neighbour `from`.
     fn motion(&self, from: i64, to: i64) -> Result<(Plane, Field)> {
-        // Only what is the same in every frame is followed backwards, and beyond the ends.
-        let place = |t: i64| t.clamp(0, self.target.frames() as i64 - 1) as usize;
-        let mut flow = self.target.flow(place(to))?;
+        let mut flow = self.target.flow(self.place(to))?;
         if to < from {
             flow.u.data.iter_mut().chain(&mut flow.v.data).for_each(|v| *v = -*v);
         }
-        Ok((self.target.alpha(place(to))?, flow))
+        Ok((self.target.alpha(self.place(to))?, flow))
+    }
+
+    /// Number of the target's frame: only what is the same in every frame is followed backwards, and beyond the ends.
+    fn place(&self, t: i64) -> usize {
+        t.clamp(0, self.target.frames() as i64 - 1) as usize
     }
 
     fn anchor(&self, before: &Premultiplied, coherence: &Plane) -> Anchor {
@@ -223,8 +235,9 @@ impl<'a> Chain<'a> {
 
     fn image(&self, now: &Premultiplied, alpha: &Plane, before: &Premultiplied) -> Image {
         let (around, opaque) = (self.around.as_ref(), self.opaque);
+        let apart = self.own.as_ref().and_then(|own| own.parts.as_ref());
         let whole = opaque || !self.recipe.channels.makes_alpha();
-        let parts = Parts { now, alpha, before, around, whole, opaque };
+        let parts = Parts { now, alpha, before, around, apart, whole, opaque };
         self.recipe.channels.image(&parts, self.thresholds().lower)
     }
 

@@ -17,7 +17,8 @@ pub enum Content {
     Now(usize),
     /// Blurred alpha.
     Blurred,
-    /// Red, green, blue or alpha of the frame before, carried to this one.
+    /// Red, green, blue or alpha of the frame before, carried to this one. Instead of alpha, the number of the fluid's part
+    /// where it has several.
     Before(usize),
     /// Red, green or blue of the fluid around the pixel, for a fluid that keeps its place.
     Around(usize),
@@ -44,6 +45,8 @@ pub struct Parts<'a> {
     pub before: &'a Premultiplied,
     /// The fluid's surroundings, where they are a channel.
     pub around: Option<&'a [Plane; 3]>,
+    /// Numbers in [0, 1] of parts of the fluid that must not take from each other.
+    pub apart: Option<&'a Plane>,
     /// Whether there is no outline: everything with any fluid is inside.
     pub whole: bool,
     /// Whether the exemplar is opaque all over, so that alpha tells nothing.
@@ -95,6 +98,7 @@ impl Channels {
             Content::Now(3) | Content::Blurred if parts.opaque => solid.clone(),
             Content::Now(c) => now[c].clone(),
             Content::Blurred => blurred.clone(),
+            Content::Before(3) => parts.apart.unwrap_or(&before[3]).clone(),
             Content::Before(c) => before[c].clone(),
             Content::Around(c) => parts.around.map_or_else(|| solid.clone(), |around| around[c].clone()),
         };

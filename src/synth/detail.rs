@@ -103,3 +103,27 @@ impl Detail {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::raster::image::Color;
+
+    /// A disc of one colour, or of stripes, at twice its working size.
+    fn disc(stripes: f32) -> Detail {
+        let (fine, coarse) = ((64, 48), (32, 24));
+        let alpha =
+            Plane::from_fn(fine.0, fine.1, |x, y| (18.0 - (x as f32 - 32.0).hypot(y as f32 - 24.0)).clamp(0.0, 1.0));
+        let value = |base: f32| Plane::from_fn(fine.0, fine.1, |x, _| base + stripes * (x % 2) as f32);
+        let fluid = Premultiplied::new(&Color::from_planes([value(0.6), value(0.3), value(0.1)]), &alpha);
+        let small = Premultiplied::from_planes(fluid.planes.each_ref().map(|p| resize(p, coarse.0, coarse.1)));
+        Detail::new(&fluid, &small, false, (coarse, fine)).unwrap()
+    }
+
+    #[test]
+    fn an_outline_of_one_colour_has_no_detail_and_stripes_have() {
+        let most = |detail: &Detail| detail.turns[0].iter().flat_map(|p| &p.data).fold(0.0f32, |m, v| m.max(v.abs()));
+        assert!(most(&disc(0.0)) < 0.04, "{}", most(&disc(0.0)));
+        assert!(most(&disc(0.3)) > 0.1, "{}", most(&disc(0.3)));
+    }
+}

@@ -20,6 +20,7 @@ pub mod maps;
 pub mod memory;
 pub mod outcome;
 pub mod outline;
+pub mod own;
 pub mod pace;
 pub mod pick;
 pub mod placing;
