@@ -18,6 +18,9 @@ use crate::base::rng;
 /// The coarsest level's shortest side is about this many patches.
 const COARSEST: usize = 4;
 
+/// Coarser levels may be this much further from done: what is left there the finer ones make good.
+const UNFINISHED: f64 = 5.0;
+
 /// How the engine works.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Settings {
@@ -27,7 +30,7 @@ pub struct Settings {
     pub iterations: (usize, usize),
     /// How overlapping patches make one pixel, where the rule does not say.
     pub manner: Manner,
-    /// A level is done once a round lowers its energy by less than this share.
+    /// The finest level is done once a round lowers its energy by less than this share, others at five times as much.
     pub tolerance: f64,
     /// Sweeps of the search in a round.
     pub sweeps: usize,
@@ -43,7 +46,7 @@ impl Default for Settings {
             rule: Rule::Plain,
             iterations: (40, 20),
             manner: Manner::Mean,
-            tolerance: 0.002,
+            tolerance: 0.001,
             sweeps: 1,
             thresholds: Thresholds::default(),
             seed: 1,
@@ -129,7 +132,7 @@ impl Engine {
             if let Some(previous) = &target.previous {
                 nnf.merge(&level.search(), &previous.coarsened(source.atlas(), n, &level.target, level.atlas));
             }
-            reports.push(self.level(&mut level, &mut nnf, &mut rules, self.rounds(n, count), observer)?);
+            reports.push(self.level(&mut level, &mut nnf, &mut rules, (self.rounds(n, count), n == 0), observer)?);
             level.show(&nnf, n, observer);
             state = Some((level, nnf, rules));
         }
@@ -138,15 +141,16 @@ impl Engine {
         Ok(Frame { planes, nnf, levels: reports })
     }
 
-    /// Search and vote in turns until the energy hardly falls.
+    /// Search and vote in turns until the energy hardly falls, or for so many rounds; `finest` levels are done with more care.
     fn level(
         &self,
         level: &mut Level,
         nnf: &mut Nnf,
         rules: &mut Rules,
-        rounds: usize,
+        (rounds, finest): (usize, bool),
         observer: &dyn Observer,
     ) -> Result<LevelReport> {
+        let tolerance = self.settings.tolerance * if finest { 1.0 } else { UNFINISHED };
         let stack = &level.target.stack;
         let mut report = LevelReport {
             size: (stack.width, stack.height),
@@ -164,7 +168,7 @@ impl Engine {
             let start = Instant::now();
             level.overshoot(nnf, rules);
             report.voting += start.elapsed().as_secs_f64();
-            if energy >= before * (1.0 - self.settings.tolerance) {
+            if energy >= before * (1.0 - tolerance) {
                 break;
             }
         }

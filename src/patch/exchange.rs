@@ -26,7 +26,7 @@ const BATCHES: usize = 64;
 /// Least rows of a batch, where there are as many.
 const ROWS: usize = 8;
 /// A patch whose distance is less than the mean one by this factor can gain little.
-const QUIET: u64 = 4;
+const QUIET: u64 = 2;
 /// Nobody: the place has room.
 pub(super) const NOBODY: u32 = u32::MAX;
 

@@ -36,7 +36,7 @@ declare_options! {
         /// Quarter turns of the exemplar that are sources too: 4, or 1 for the exemplar as it stands.
         rotations: usize = 1, in 1, 4, "turns", "LazyFluids 2015, Fig. 8";
         /// Most rounds of search and vote on the finest level; the coarsest has twice as many.
-        iterations: usize = 20, in 1, 1000, "rounds", "methods §2.2";
+        iterations: usize = 30, in 1, 1000, "rounds", "methods §2.2";
         /// How much the picture's own fluid keeps its place: weight of the mean colour of the fluid around a pixel.
         place: f32 = 4.0, in 0, 20, "ratio", "ours";
         /// How far around.
