@@ -128,7 +128,8 @@ fn case(
     }
     let curves: Vec<(&str, &str, &[f64])> =
         runs.iter().zip(["a", "b", "c", "d", "e"]).map(|((rule, r), class)| (*rule, class, &r.sharpness[..])).collect();
-    let plot = lines(&Lines { title: "sharpness over the exemplar's", along: "frame", lines: &curves });
+    let plot =
+        lines(&Lines { title: "sharpness over the exemplar's", along: "frame", start: 0.0, step: 1.0, lines: &curves });
     std::fs::write(folder.join(format!("{name}-sharpness.svg")), standalone(&plot.into_string()))?;
     for (k, share) in SHOWN.iter().enumerate() {
         let row: Vec<Rgb8> = runs.iter().map(|(_, r)| r.shown[k].clone()).collect();

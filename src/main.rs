@@ -5,7 +5,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 use enliven::base::error::Result;
 use enliven::cli::common::{Common, exit};
-use enliven::cli::{animate, demo, measure, methods, simulate};
+use enliven::cli::{animate, compare, demo, measure, methods, simulate};
 
 /// Bring a still picture of water, fire or smoke to life.
 #[derive(Parser)]
@@ -21,6 +21,7 @@ struct Cli {
 enum Command {
     Demo(demo::Demo),
     Animate(Box<animate::Animate>),
+    Compare(Box<compare::Compare>),
     Measure(measure::Measure),
     Methods(methods::Methods),
     Simulate(simulate::Simulate),
@@ -31,6 +32,7 @@ fn run(cli: &Cli) -> Result<()> {
     match &cli.command {
         Command::Demo(command) => command.run(&terminal),
         Command::Animate(command) => command.run(&terminal),
+        Command::Compare(command) => command.run(&terminal),
         Command::Measure(command) => command.run(&terminal),
         Command::Methods(command) => command.run(),
         Command::Simulate(command) => command.run(&terminal),

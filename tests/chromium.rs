@@ -1,11 +1,9 @@
 //! The MP4 we write plays, seeks and shows its colours in Chromium. Skipped, saying so, where there is no Chromium.
 
+#[path = "common/browser.rs"]
+mod browser;
+
 use std::fs;
-use std::io::{BufRead, BufReader};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
-use std::sync::mpsc;
-use std::time::{Duration, Instant};
 
 use enliven::raster::image::Rgb8;
 use enliven::video::sink::{self, FrameRate, SinkOptions};
@@ -14,8 +12,6 @@ const WIDTH: usize = 320;
 const HEIGHT: usize = 192;
 const FRAMES: usize = 75;
 const FPS: f64 = 25.0;
-/// Longest wait for the browser.
-const PATIENCE: Duration = Duration::from_secs(60);
 
 const COLOURS: [[u8; 3]; 8] = [
     [255, 255, 255],
@@ -73,62 +69,6 @@ v.onerror = () => { say('error', v.error.code); say('end'); };
 })();
 </script>"#;
 
-/// Ends the browser, however the test ends.
-struct Browser(Child);
-
-impl Drop for Browser {
-    fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
-    }
-}
-
-fn start(folder: &Path) -> Option<Browser> {
-    let page = format!("file://{}", folder.join("page.html").display());
-    let profile = format!("--user-data-dir={}", folder.join("profile").display());
-    let mut command = Command::new("chromium");
-    command.args(["--headless", "--no-sandbox", "--disable-quic", "--no-first-run"]);
-    command.args(["--disable-background-networking", "--disable-component-update", "--disable-sync"]);
-    // Colours as on a machine with a graphics card, without one.
-    command.args(["--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]);
-    command.args(["--enable-gpu-rasterization"]);
-    command.args(["--allow-file-access-from-files", "--autoplay-policy=no-user-gesture-required"]);
-    command.args(["--enable-logging=stderr", "--v=0", &profile, &page]);
-    let child = command.stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::piped()).spawn();
-    match child {
-        Ok(child) => Some(Browser(child)),
-        Err(error) => {
-            println!("skipped: chromium does not start ({error})");
-            None
-        }
-    }
-}
-
-/// What the page logged, until its end or the end of our patience.
-fn results(browser: &mut Browser) -> Vec<String> {
-    let stderr = browser.0.stderr.take().unwrap();
-    let (send, receive) = mpsc::channel();
-    std::thread::spawn(move || {
-        for line in BufReader::new(stderr).lines().map_while(Result::ok) {
-            let result = line.split_once("RESULT ").and_then(|(_, rest)| rest.split_once(" ."));
-            if let Some((result, _)) = result
-                && send.send(result.to_string()).is_err()
-            {
-                break;
-            }
-        }
-    });
-    let end = Instant::now() + PATIENCE;
-    let mut results = Vec::new();
-    while let Ok(result) = receive.recv_timeout(end.saturating_duration_since(Instant::now())) {
-        if result == "end" {
-            break;
-        }
-        results.push(result);
-    }
-    results
-}
-
 #[test]
 fn chromium_plays_seeks_and_shows_the_colours() {
     let folder = tempfile::tempdir().unwrap();
@@ -138,16 +78,7 @@ fn chromium_plays_seeks_and_shows_the_colours() {
     (0..FRAMES).for_each(|t| sink.push(&frame(t)).unwrap());
     sink.finish().unwrap();
     fs::write(folder.path().join("page.html"), PAGE).unwrap();
-    let Some(mut browser) = start(folder.path()) else { return };
-    let results = results(&mut browser);
-    if results.is_empty() {
-        println!("skipped: chromium said nothing in {} s", PATIENCE.as_secs());
-        return;
-    }
-    if results[0].starts_with("codec") {
-        println!("skipped: this chromium has no H.264 decoder");
-        return;
-    }
+    let Some(results) = browser::results(&folder.path().join("page.html"), folder.path(), (800, 600)) else { return };
     assert_eq!(results[0], format!("size {WIDTH} {HEIGHT} 3"), "{results:?}");
     let frames: Vec<&String> = results.iter().filter(|r| r.starts_with("frame")).collect();
     assert_eq!(frames.len(), 8, "{results:?}");

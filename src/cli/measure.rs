@@ -6,18 +6,13 @@ use serde_json::json;
 
 use super::animate::beside;
 use crate::base::error::{Error, Kind, Result};
-use crate::base::observe::{self, Observer, stage};
+use crate::base::observe::Observer;
 use crate::cli::common::{columns, counted, say, wrapped};
+use crate::measure::Value;
 use crate::measure::footage::LONG_SIDE;
-use crate::measure::read::{self, Video};
-use crate::measure::{ALL, Footage, Subject, Value};
-use crate::raster::image::Plane;
-use crate::raster::picture_io::read_grey;
-use crate::raster::resample::resize_rgb8;
-use crate::report::measured::Known;
-use crate::scene::designed::Designed;
+use crate::report::measuring::{Measuring, Request};
 use crate::scene::file::SceneFile;
-use crate::scene::scene::{self, Scene, Still};
+use crate::scene::scene::{self, Scene};
 use crate::synth::record::RunRecord;
 
 /// Measure a video: how it moves, how sharp it stays, whether its seams and its loop show.
@@ -49,14 +44,6 @@ pub struct Measure {
 /// Columns that a definition below its measure stands in.
 const INDENT: usize = 6;
 
-/// Everything there is to measure with.
-struct Inputs {
-    footage: Footage,
-    picture: Option<Footage>,
-    reference: Option<(PathBuf, Footage)>,
-    known: Known,
-}
-
 impl Measure {
     /// Runs the command.
     ///
@@ -66,12 +53,17 @@ impl Measure {
         self.check()?;
         let record = record_of(&self.video)?;
         let scene = self.scene_of(record.as_ref())?;
-        let still = scene.as_ref().map(|scene| scene.still(observer)).transpose()?;
-        let video = self.video(still.as_ref(), observer)?;
-        let of_scene = scene.as_ref().zip(still.as_ref());
-        let inputs = self.inputs(&video, record.as_ref(), of_scene, observer)?;
-        let values = stage(observer, "measure", ALL.len() as u64, || measure(&inputs, observer))?;
-        self.print(&video, &inputs, &values)
+        let request = Request {
+            video: &self.video,
+            scene: scene.as_ref(),
+            record: record.as_ref(),
+            loops: self.loops,
+            reference: self.reference.as_deref(),
+            reference_matte: self.reference_matte.as_deref(),
+            reference_size: self.reference_size,
+        };
+        let measuring = Measuring::read(&request, observer)?;
+        self.print(&measuring, &measuring.values(observer)?)
     }
 
     fn check(&self) -> Result<()> {
@@ -91,107 +83,11 @@ impl Measure {
             Some(path) => Some(scene::open(&path)?),
             None => record.map(|record| record.scene.clone()),
         };
-        let bare = |file: SceneFile| {
-            // Only fluid alone is seen before its background here.
-            let background = file.background.clone().filter(|_| file.output.alpha);
-            SceneFile { library: Vec::new(), background, ..file }
-        };
         file.map(|file| Scene::new(bare(file))).transpose()
     }
 
-    /// The video; fluid alone is laid over what the scene has behind it.
-    fn video(&self, still: Option<&Still>, observer: &dyn Observer) -> Result<Video> {
-        let behind = still.map(|still| still.background.as_ref().unwrap_or(&still.picture));
-        let video = stage(observer, "read video", 0, || read::video(&self.video, LONG_SIDE, behind, observer))?;
-        if video.see_through {
-            let behind = match still {
-                Some(still) if still.background.is_some() => "the scene's background",
-                Some(_) => "the scene's picture",
-                None => "grey",
-            };
-            observer.note(&format!("{}: has opacity; it is measured over {behind}", self.video.display()));
-        }
-        Ok(video)
-    }
-
-    /// Frames per second: as recorded, unless the file holds another number of frames (GIF, WebP and APNG leave some out
-    /// at high rates) and times of its own.
-    fn rate(&self, video: &Video, record: Option<&RunRecord>) -> f32 {
-        let output = record.map(|record| record.scene.output);
-        let as_recorded = output.filter(|output| self.video.is_dir() || output.wanted().len() == video.frames.len());
-        as_recorded.map_or(video.fps, |output| output.fps)
-    }
-
-    fn inputs(
-        &self,
-        video: &Video,
-        record: Option<&RunRecord>,
-        of_scene: Option<(&Scene, &Still)>,
-        observer: &dyn Observer,
-    ) -> Result<Inputs> {
-        let (scene, still) = of_scene.unzip();
-        still.map_or(Ok(()), |still| self.check_size(video, still))?;
-        let reach = scene.and_then(Scene::designed).map(Designed::reach).transpose()?;
-        let matte = reach.as_ref().or(still.map(|still| &still.matte));
-        // What is behind a designed target does not look like its fluid.
-        let pictured = still.filter(|_| reach.is_none());
-        if still.is_none() {
-            observer.note("no scene is known: all of the video is measured; name one with --scene");
-        }
-        let fps = self.rate(video, record);
-        let loops = self.loops || record.is_some_and(|record| record.scene.loops());
-        let footage =
-            Footage::new(video.frames.clone(), fps, loops, matte).map_err(|e| e.about(self.video.display()))?;
-        let size = (footage.width(), footage.height());
-        let picture = pictured.map(|still| Footage::still(resize_rgb8(&still.picture, size.0, size.1), matte));
-        let given = || scene.and_then(|scene| scene.settings().reference.clone());
-        let reference = self.reference.clone().or_else(given);
-        let reference = reference.map(|path| self.reference(path, &footage, matte, observer)).transpose()?;
-        let asked = of_scene.and_then(|(scene, still)| Some((still.asked.as_ref()?, scene.settings().output.fps)));
-        let known = Known::new(record, asked, size, fps);
-        let target = scene.and_then(|scene| Some((scene.designed()?, scene.settings().output.fps)));
-        let known = target.map_or(Ok(known.clone()), |(target, rate)| known.with_target(target, rate / fps, size))?;
-        Ok(Inputs { footage, picture: picture.transpose()?, reference, known })
-    }
-
-    /// MP4 holds even sizes only: its frames may be a pixel larger than the scene's.
-    fn check_size(&self, video: &Video, still: &Still) -> Result<()> {
-        let (found, asked) = (video.size, still.map.output);
-        let fits = |found: usize, asked: usize| found == asked || found == asked.next_multiple_of(2);
-        if fits(found.0, asked.0) && fits(found.1, asked.1) {
-            return Ok(());
-        }
-        let problem = format!("its frames are {} × {} pixels, the scene's {} × {}", found.0, found.1, asked.0, asked.1);
-        Err(Error::file(Kind::Unusable, &self.video, problem)
-            .remedy("name the scene that this video was made from, with its output size"))
-    }
-
-    fn reference(
-        &self,
-        path: PathBuf,
-        footage: &Footage,
-        matte: Option<&Plane>,
-        observer: &dyn Observer,
-    ) -> Result<(PathBuf, Footage)> {
-        let frames = stage(observer, "read reference", 0, || {
-            read::reference(&path, footage.fps(), self.reference_size, observer)
-        })?;
-        let same = frames.first().is_some_and(|f| (f.width, f.height) == (footage.width(), footage.height()));
-        let own = self.reference_matte.as_deref().map(read_grey).transpose()?;
-        if own.is_none() && matte.is_some() {
-            let where_from = if same { "the scene's matte" } else { "all of it counts" };
-            observer.note(&format!("{}: no matte of its own: {where_from}", path.display()));
-        }
-        let matte = own.as_ref().or_else(|| matte.filter(|_| same));
-        let footage = Footage::new(frames, footage.fps(), false, matte).map_err(|error| {
-            let subject = self.reference_matte.as_deref().unwrap_or(&path);
-            error.about(subject.display())
-        })?;
-        Ok((path, footage))
-    }
-
-    fn print(&self, video: &Video, inputs: &Inputs, values: &[Value]) -> Result<()> {
-        let Inputs { footage, reference, .. } = inputs;
+    fn print(&self, measuring: &Measuring, values: &[Value]) -> Result<()> {
+        let Measuring { video, footage, reference, .. } = measuring;
         if !self.json {
             say!(
                 "{}: {} of {} × {} at {} per second, measured at {} × {}",
@@ -226,7 +122,7 @@ impl Measure {
 }
 
 /// The record written beside a video, when there is one.
-fn record_of(video: &Path) -> Result<Option<RunRecord>> {
+pub(super) fn record_of(video: &Path) -> Result<Option<RunRecord>> {
     let path = beside(video, "summary.json");
     if !path.exists() {
         return Ok(None);
@@ -239,24 +135,11 @@ fn record_of(video: &Path) -> Result<Option<RunRecord>> {
     Ok(Some(record))
 }
 
-fn measure(inputs: &Inputs, observer: &dyn Observer) -> Result<Vec<Value>> {
-    let Inputs { footage, picture, reference, known } = inputs;
-    let subject = Subject {
-        picture: picture.as_ref(),
-        reference: reference.as_ref().map(|r| &r.1),
-        asked: known.asked.as_ref(),
-        asked_speed: known.asked_speed.as_ref(),
-        nodes: &known.nodes,
-        usage: known.usage.as_ref(),
-        ..Subject::new(footage)
-    };
-    let one = |measure: &'static crate::measure::Measure| -> Result<Value> {
-        observe::check(observer)?;
-        let value = (measure, (measure.compute)(&subject));
-        observer.advance("measure", 1);
-        Ok(value)
-    };
-    ALL.iter().map(one).collect()
+/// A scene without what measuring does not need.
+pub(super) fn bare(file: SceneFile) -> SceneFile {
+    // Only fluid alone is seen before its background here.
+    let background = file.background.clone().filter(|_| file.output.alpha);
+    SceneFile { library: Vec::new(), background, ..file }
 }
 
 /// A measure on one line, or where that is longer than `columns`, its definition on lines of its own below.
@@ -277,6 +160,7 @@ fn row((measure, value): &Value, columns: Option<usize>) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::measure::ALL;
 
     #[test]
     fn long_rows_are_broken_at_the_terminal_s_width() {

@@ -2,6 +2,7 @@
 
 pub mod animate;
 pub mod common;
+pub mod compare;
 pub mod debug_pictures;
 pub mod demo;
 pub mod measure;

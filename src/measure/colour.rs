@@ -18,15 +18,19 @@ pub const COLOUR_DISTANCE: Measure = Measure {
     needs: "picture or reference",
     better: Better::Lower,
     compute: |subject: &Subject| {
-        let target = sorted(subject.appearance()?, None, subject.seed);
-        let frames = spread(subject.footage.frames().len(), FRAMES);
-        let distances = par::map(frames.len(), |i| {
-            let channels = sorted(subject.footage, Some(frames[i]), subject.seed);
-            channels.iter().zip(&target).map(|(a, b)| mean_difference(a, b)).sum::<f64>() / 3.0
-        });
+        let distances = at(subject, &spread(subject.footage.frames().len(), FRAMES))?;
         Some(distances.iter().sum::<f64>() / distances.len() as f64)
     },
 };
+
+/// Distance of some frames.
+pub(super) fn at(subject: &Subject, frames: &[usize]) -> Option<Vec<f64>> {
+    let target = sorted(subject.appearance()?, None, subject.seed);
+    Some(par::map(frames.len(), |i| {
+        let channels = sorted(subject.footage, Some(frames[i]), subject.seed);
+        channels.iter().zip(&target).map(|(a, b)| mean_difference(a, b)).sum::<f64>() / 3.0
+    }))
+}
 
 /// 1-D Wasserstein-1 distance of two equally long sorted samples.
 fn mean_difference(a: &[f32], b: &[f32]) -> f64 {

@@ -117,9 +117,24 @@ fn brightness(footage: &Footage) -> Vec<f64> {
     par::map(luma.len(), |t| pixels.iter().map(|&p| f64::from(luma[t].data[p])).sum::<f64>() / pixels.len() as f64)
 }
 
-/// Power of a series above [`FLICKER_FROM`]: its variance in that band. A series that does not loop is tapered (Hann),
-/// or the jump from its end to its start would count.
+/// Power of a series above [`FLICKER_FROM`]: its variance in that band.
 fn power_above(series: &[f64], fps: f64, loops: bool) -> f64 {
+    let hertz = fps / series.len() as f64;
+    let powers = powers(series, loops).into_iter().enumerate();
+    powers.filter(|(i, _)| (i + 1) as f64 * hertz > FLICKER_FROM).map(|(_, power)| power).sum()
+}
+
+/// Deviation of the frames' mean luma in each band of frequency, and the bands' width in Hz; the first band is centred on
+/// that width. `None` when there are fewer than 3 frames.
+pub(super) fn flicker_spectrum(footage: &Footage) -> Option<(f64, Vec<f64>)> {
+    let count = footage.frames().len();
+    let deviations = || powers(&brightness(footage), footage.loops()).into_iter().map(f64::sqrt).collect();
+    (count >= 3).then(|| (f64::from(footage.fps()) / count as f64, deviations()))
+}
+
+/// Power of a series at 1, 2, … n / 2 waves in its length; their sum is its variance. A series that does not loop is
+/// tapered (Hann), or the jump from its end to its start would count.
+fn powers(series: &[f64], loops: bool) -> Vec<f64> {
     use std::f64::consts::TAU;
     let n = series.len();
     let mean = series.iter().sum::<f64>() / n as f64;
@@ -134,7 +149,7 @@ fn power_above(series: &[f64], fps: f64, loops: bool) -> f64 {
         });
         (if 2 * k == n { 1.0 } else { 2.0 }) * (re * re + im * im) / weight
     };
-    (1..=n / 2).filter(|&k| k as f64 * fps / n as f64 > FLICKER_FROM).map(power).sum()
+    (1..=n / 2).map(power).collect()
 }
 
 /// The middle value, the upper one of two; 0 for none.

@@ -9,6 +9,7 @@ mod continuity;
 pub mod footage;
 mod motion;
 pub mod nodes;
+pub mod over_time;
 mod patches;
 pub mod read;
 mod sharpness;

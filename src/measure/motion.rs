@@ -126,11 +126,23 @@ fn mean_motion(footage: &Footage) -> Option<(Field, Plane)> {
 }
 
 fn warp_error(footage: &Footage) -> Option<f64> {
-    let inside = small_inside(footage);
-    let pairs = footage.pairs();
-    let sums = par::map(pairs.len(), |i| unexplained(&pairs[i], footage, &inside));
+    let sums = sums(footage);
     let (sum, count) = sums.iter().fold((0.0, 0), |(sum, count), s| (sum + s.0, count + s.1));
     (count > 0).then(|| (sum / count as f64).sqrt())
+}
+
+/// The first frame of each pair, and the pair's own warp error (0 where nothing is seen in both).
+pub(super) fn warp_errors(footage: &Footage) -> (Vec<usize>, Vec<f64>) {
+    let of = |(sum, count): (f64, usize)| (sum / count.max(1) as f64).sqrt();
+    let frames = footage.pairs().iter().map(|pair| pair.frames.0);
+    frames.zip(sums(footage).into_iter().map(of)).unzip()
+}
+
+/// [`unexplained`] of every pair.
+fn sums(footage: &Footage) -> Vec<(f64, usize)> {
+    let inside = small_inside(footage);
+    let pairs = footage.pairs();
+    par::map(pairs.len(), |i| unexplained(&pairs[i], footage, &inside))
 }
 
 /// Sum of squared differences between the second frame and the first carried along the motion, and how many pixels

@@ -35,11 +35,17 @@ pub const SHARPNESS_SLOPE: Measure = Measure {
 /// Seconds and retention of the frames looked at.
 fn ratios(subject: &Subject) -> Option<Vec<(f64, f64)>> {
     let footage = subject.footage;
+    let frames = spread(footage.frames().len(), FRAMES);
+    let seconds = frames.iter().map(|&t| t as f64 / f64::from(footage.fps()));
+    Some(seconds.zip(at(subject, &frames)?).collect())
+}
+
+/// Retention of some frames.
+pub(super) fn at(subject: &Subject, frames: &[usize]) -> Option<Vec<f64>> {
     let target = subject.appearance()?;
-    let (frames, targets) = (spread(footage.frames().len(), FRAMES), spread(target.frames().len(), FRAMES));
+    let targets = spread(target.frames().len(), FRAMES);
     let whole = par::map(targets.len(), |i| energy(target, targets[i])).iter().sum::<f64>() / targets.len() as f64;
-    let ratio = |i: usize| (frames[i] as f64 / f64::from(footage.fps()), energy(footage, frames[i]) / whole);
-    (whole > 0.0).then(|| par::map(frames.len(), ratio))
+    (whole > 0.0).then(|| par::map(frames.len(), |i| energy(subject.footage, frames[i]) / whole))
 }
 
 /// Mean squared Laplacian (five points) of a frame's luma inside the matte.

@@ -1,8 +1,11 @@
-//! Things made to be looked at: contact sheets, the page of a run, the gallery page of a library, the measures of a run.
+//! Things made to be looked at: contact sheets, the page of a run, the gallery page of a library, the measures of a run,
+//! and the page that shows methods beside each other.
 
+pub mod comparison;
 pub mod contact_sheet;
 pub mod gallery;
 pub mod measured;
+pub mod measuring;
 mod page;
 pub mod plot;
 pub mod run;

@@ -17,8 +17,12 @@ const NAMES: f64 = 190.0;
 pub struct Lines<'a> {
     /// What it shows, for those who do not see it.
     pub title: &'a str,
-    /// What is counted along the horizontal axis, from 0.
+    /// What is counted along the horizontal axis.
     pub along: &'a str,
+    /// Where the first value lies.
+    pub start: f64,
+    /// How far each value is from the one before.
+    pub step: f64,
     /// Name, class and values of every line; a single value is drawn all along.
     pub lines: &'a [(&'a str, &'a str, &'a [f64])],
 }
@@ -27,21 +31,23 @@ pub struct Lines<'a> {
 pub fn lines(plot: &Lines) -> Markup {
     let finite = || plot.lines.iter().flat_map(|l| l.2).copied().filter(|v| v.is_finite());
     let (low, high) = (finite().reduce(f64::min).unwrap_or(0.0), finite().reduce(f64::max).unwrap_or(0.0));
-    let last = plot.lines.iter().map(|l| l.2.len()).max().unwrap_or(0).saturating_sub(1).max(1);
+    let intervals = plot.lines.iter().map(|l| l.2.len()).max().unwrap_or(0).saturating_sub(1).max(1);
+    let (start, end) = (plot.start, plot.start + intervals as f64 * plot.step);
     let step = nice((high - low).max(high.abs().max(1e-9) * 1e-3) / 4.0);
     let (bottom, top) = ((low / step).floor() * step, (high / step).ceil().max((low / step).floor() + 1.0) * step);
     let [left, above, right, below] = MARGIN;
-    let x = |i: f64| left + i / last as f64 * (WIDTH - left - right);
+    let x = |at: f64| left + (at - start) / (end - start) * (WIDTH - left - right);
     let y = |v: f64| above + (top - v) / (top - bottom) * (HEIGHT - above - below);
-    let across = nice(last as f64 / 6.0).max(1.0);
+    let across = nice((end - start) / 6.0).max(plot.step);
+    let first = (start / across).ceil();
     let path = |values: &[f64]| -> String {
         let held = [values.first().copied().unwrap_or(f64::NAN); 2];
-        let ends = [0.0, last as f64];
+        let ends = [start, end];
         let single = values.len() == 1;
         let points: Vec<(f64, f64)> = if single {
             ends.into_iter().zip(held).collect()
         } else {
-            values.iter().enumerate().map(|(i, &v)| (i as f64, v)).collect()
+            values.iter().enumerate().map(|(i, &v)| (start + i as f64 * plot.step, v)).collect()
         };
         let points = points.iter().filter(|p| p.1.is_finite());
         points.map(|&(i, v)| format!("{:.1},{:.1} ", x(i), y(v))).collect()
@@ -53,9 +59,9 @@ pub fn lines(plot: &Lines) -> Markup {
                 line.grid x1=(left) x2=(WIDTH - right) y1=(px(y(v))) y2=(px(y(v))) {}
                 text x=(left - 8.0) y=(px(y(v) + 4.0)) text-anchor="end" { (number(v, step)) }
             }
-            @for k in 0..=(last as f64 / across).floor() as usize {
-                @let i = k as f64 * across;
-                text x=(px(x(i))) y=(HEIGHT - below + 18.0) text-anchor="middle" { (number(i, across)) }
+            @for k in 0..=((end / across).floor() - first) as usize {
+                @let at = (first + k as f64) * across;
+                text x=(px(x(at))) y=(HEIGHT - below + 18.0) text-anchor="middle" { (number(at, across)) }
             }
             text x=(px((left + WIDTH - right) / 2.0)) y=(HEIGHT - 4.0) text-anchor="middle" { (plot.along) }
             @for (_, class, values) in plot.lines {
@@ -121,7 +127,9 @@ mod tests {
     #[test]
     fn odd_values_still_give_a_plot() {
         for values in [&[][..], &[1.0], &[2.0, 2.0, 2.0], &[f64::NAN, 1.0], &[-3.0, 1e9]] {
-            let svg = lines(&Lines { title: "t", along: "sweeps", lines: &[("a", "first", values)] }).into_string();
+            let svg =
+                lines(&Lines { title: "t", along: "sweeps", start: 0.0, step: 1.0, lines: &[("a", "first", values)] })
+                    .into_string();
             assert!(svg.contains("<svg") && !svg.contains("NaN") && !svg.contains("inf"), "{values:?}: {svg}");
         }
         assert!(bars("t", "s", &[]).into_string().contains("<svg"));

@@ -153,6 +153,8 @@ fn energy(assignment: &AssignmentRecord) -> Markup {
         (plot::lines(&plot::Lines {
             title: "Energy and its lower bound, round by round",
             along: "rounds",
+            start: 0.0,
+            step: 1.0,
             lines: &[("energy", "energy", history), ("lower bound", "bound", bounds)],
         }))
         p {

@@ -82,7 +82,9 @@ pub fn file_of(path: &Path) -> PathBuf {
     if path.is_dir() { path.join(SCENE_FILE) } else { path.to_owned() }
 }
 
-fn for_each_path(scene: &mut SceneFile, mut f: impl FnMut(&mut PathBuf)) {
+/// Calls `f` with every file and folder that a scene is made from, always in the same order; the picture of a scene without
+/// one is empty.
+pub fn for_each_path(scene: &mut SceneFile, mut f: impl FnMut(&mut PathBuf)) {
     f(&mut scene.picture);
     if let Some(TargetFile { flow, alpha, height }) = &mut scene.target {
         [flow, alpha].into_iter().chain(height).for_each(&mut f);

@@ -1,0 +1,71 @@
+//! The rows that give meaning to the numbers: the picture held still, and the real clip.
+
+use std::path::Path;
+
+use super::rows::values;
+use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::{self, Observer};
+use crate::measure::footage::LONG_SIDE;
+use crate::measure::over_time::over_time;
+use crate::measure::read;
+use crate::measure::{Footage, Subject, all};
+use crate::raster::image::Rgb8;
+use crate::raster::resample::resize_rgb8;
+use crate::report::comparison::Row;
+use crate::scene::file::SceneFile;
+use crate::scene::scene::Scene;
+use crate::video::sink::{self, FrameRate, SinkOptions};
+
+/// Writes the picture as a video in which nothing moves.
+///
+/// # Errors
+/// A scene that cannot be read, a place that cannot be written to, a cancel.
+pub fn frozen(file: &SceneFile, video: &Path, observer: &dyn Observer) -> Result<()> {
+    let scene = Scene::new(file.clone())?;
+    let picture = scene.still(observer)?.picture;
+    let frames = std::iter::repeat_n(&picture, scene.settings().output.length());
+    write(video, frames, scene.settings().output.fps, observer)
+}
+
+fn write<'a>(video: &Path, frames: impl Iterator<Item = &'a Rgb8>, fps: f32, observer: &dyn Observer) -> Result<()> {
+    let mut frames = frames.peekable();
+    let Some(&first) = frames.peek() else { return Ok(()) };
+    let rate = FrameRate::new(f64::from(fps))?;
+    let options = SinkOptions { width: first.width, height: first.height, rate, loops: true, alpha: false };
+    let mut sink = sink::create(video, options)?;
+    for frame in frames {
+        observe::check(observer)?;
+        sink.push(frame)?;
+    }
+    sink.finish()
+}
+
+/// Writes the real clip, as many frames as the others have where it is long enough, and measures its second half against
+/// its first: what no method can be expected to beat.
+///
+/// # Errors
+/// A clip that cannot be read, or is too short; a cancel.
+pub fn real(row: Row, file: &SceneFile, video: &Path, observer: &dyn Observer) -> Result<Row> {
+    let scene = Scene::new(file.clone())?;
+    let path = file.reference.as_deref().unwrap_or(Path::new(""));
+    let (fps, length) = (scene.settings().output.fps, scene.settings().output.length());
+    let frames = read::reference(path, fps, LONG_SIDE, observer)?;
+    let (width, height) = scene.frame_map().output;
+    // The scene's size and matte are right for a clip of the same camera only.
+    let same = frames[0].width * height == frames[0].height * width;
+    let (w, h) = if same { (width, height) } else { (frames[0].width, frames[0].height) };
+    let shown: Vec<Rgb8> = frames.iter().take(length).map(|frame| resize_rgb8(frame, w, h)).collect();
+    write(video, shown.iter(), fps, observer)?;
+    let half = frames.len() / 2;
+    if half < read::MIN_REFERENCE {
+        return Err(Error::file(Kind::Unusable, path, format!("it has {} frames at {fps} a second", frames.len()))
+            .allowed(format!("at least {} to measure one half against the other", 2 * read::MIN_REFERENCE)));
+    }
+    let still = scene.still(observer)?;
+    let matte = same.then_some(&still.matte);
+    let (first, second) = frames.split_at(half);
+    let footage = Footage::new(second[..half].to_vec(), fps, false, matte)?;
+    let reference = Footage::new(first.to_vec(), fps, false, matte)?;
+    let subject = Subject { reference: Some(&reference), ..Subject::new(&footage) };
+    Ok(Row { values: values(&all(&subject)), series: over_time(&subject), ..row })
+}

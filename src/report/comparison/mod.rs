@@ -1,0 +1,132 @@
+//! Methods beside each other on the same scenes: what was made, what was measured, the tables and the page.
+
+mod page;
+mod reading;
+mod tables;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use crate::base::atomic_file;
+use crate::base::error::{Error, Kind, Result};
+use crate::measure::over_time::Series;
+use crate::measure::{ALL, Better, Measure};
+
+/// Everything that a comparison found.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Comparison {
+    /// Version of the program, and the first bytes of its hash.
+    pub program: String,
+    /// What repeats it, run in its folder.
+    pub command: String,
+    /// The scenes, in the order asked for.
+    pub scenes: Vec<SceneRows>,
+}
+
+/// A scene and what was made of it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct SceneRows {
+    /// Its name, also that of its folder and of its file below `scenes`.
+    pub name: String,
+    /// Frames of each video.
+    pub frames: usize,
+    /// Frames per second.
+    pub fps: f32,
+    /// Width and height of the frames.
+    pub size: (usize, usize),
+    /// Pictures that explain it: a file as seen from the page, and what it shows.
+    pub pictures: Vec<(String, String)>,
+    /// What gives meaning to the numbers, and the methods.
+    pub rows: Vec<Row>,
+}
+
+/// What a row is.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Sort {
+    /// The picture, held still.
+    Frozen,
+    /// The real clip: its second half, measured against its first.
+    Real,
+    /// A method.
+    #[default]
+    Method,
+}
+
+/// One video with its figures.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Row {
+    /// Name within its scene: a method, with the options that a sweep sets.
+    pub name: String,
+    /// What it is.
+    pub sort: Sort,
+    /// The video, as seen from the page.
+    pub video: Option<String>,
+    /// The page of its run.
+    pub page: Option<String>,
+    /// Why there is no video.
+    pub failed: Option<String>,
+    /// Seconds that the method took.
+    pub seconds: Option<f64>,
+    /// Values by the names of [`ALL`]; those without a value are left out.
+    pub values: BTreeMap<String, f64>,
+    /// Values over time.
+    pub series: Vec<Series>,
+    /// What it was made from: it is made again when any of this changes.
+    pub made_from: BTreeMap<String, String>,
+}
+
+impl Row {
+    /// A measure's value.
+    pub fn value(&self, measure: &Measure) -> Option<f64> {
+        self.values.get(measure.name).copied()
+    }
+}
+
+impl SceneRows {
+    /// Measures that any row has a value of, in the order of reports.
+    fn measures(&self) -> impl Iterator<Item = &'static Measure> {
+        ALL.iter().filter(|measure| self.rows.iter().any(|row| row.value(measure).is_some()))
+    }
+
+    /// The methods' rows that were made.
+    fn methods(&self) -> impl Iterator<Item = &Row> {
+        self.rows.iter().filter(|row| row.sort == Sort::Method && row.failed.is_none())
+    }
+
+    /// The best method by a measure; none where fewer than two have a value.
+    fn best(&self, measure: &Measure) -> Option<&Row> {
+        let with: Vec<(&Row, f64)> = self.methods().filter_map(|row| Some((row, row.value(measure)?))).collect();
+        let badness = |v: f64| badness(measure.better, v);
+        let best = with.iter().min_by(|a, b| badness(a.1).total_cmp(&badness(b.1)))?;
+        (with.len() > 1).then_some(best.0)
+    }
+}
+
+/// The lower, the better.
+fn badness(better: Better, value: f64) -> f64 {
+    match better {
+        Better::Lower => value,
+        Better::Higher => -value,
+        Better::Zero => value.abs(),
+        Better::One => (value - 1.0).abs(),
+    }
+}
+
+/// Files that [`Comparison::write`] writes into its folder.
+pub const FILES: [&str; 3] = ["index.html", "results.json", "results.csv"];
+
+impl Comparison {
+    /// Writes the page and the tables into `folder`, which holds the videos.
+    ///
+    /// # Errors
+    /// A folder that cannot be written to, a full disk.
+    pub fn write(&self, folder: &Path) -> Result<()> {
+        let json = serde_json::to_string_pretty(self).map_err(|e| Error::new(Kind::Data, "results", e.to_string()))?;
+        let contents = [page::page(self).into_string(), json, tables::csv(self)];
+        let files = FILES.iter().map(|name| folder.join(name)).zip(contents);
+        files.into_iter().try_for_each(|(path, text): (PathBuf, String)| atomic_file::write(&path, text.as_bytes()))
+    }
+}

@@ -1,0 +1,50 @@
+//! The table as comma-separated values.
+
+use super::{Comparison, Row, Sort};
+use crate::measure::ALL;
+
+/// A line for every row of every scene; empty where there is no value.
+pub fn csv(comparison: &Comparison) -> String {
+    let names = ALL.iter().map(|measure| measure.name);
+    let head: Vec<&str> = ["scene", "row", "sort", "failed", "seconds"].into_iter().chain(names).collect();
+    let rows = comparison.scenes.iter().flat_map(|scene| scene.rows.iter().map(|row| line(&scene.name, row)));
+    let lines = [line_of(head.into_iter().map(str::to_owned))].into_iter().chain(rows);
+    lines.collect()
+}
+
+fn line(scene: &str, row: &Row) -> String {
+    let sort = match row.sort {
+        Sort::Frozen => "frozen",
+        Sort::Real => "real",
+        Sort::Method => "method",
+    };
+    let number = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
+    let first = [scene.to_owned(), row.name.clone(), sort.to_owned(), row.failed.clone().unwrap_or_default()];
+    let values = ALL.iter().map(|measure| number(row.value(measure)));
+    line_of(first.into_iter().chain([number(row.seconds)]).chain(values))
+}
+
+/// Fields with a comma, a quote or a line's end are quoted (RFC 4180).
+fn line_of(fields: impl Iterator<Item = String>) -> String {
+    let quoted = |field: String| match field.contains([',', '"', '\n', '\r']) {
+        true => format!("\"{}\"", field.replace('"', "\"\"")),
+        false => field,
+    };
+    fields.map(quoted).collect::<Vec<_>>().join(",") + "\r\n"
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::comparison::SceneRows;
+
+    #[test]
+    fn names_with_commas_and_quotes_stay_one_field() {
+        let row = Row { name: "a, \"b\"".into(), failed: Some("no\nlibrary".into()), ..Row::default() };
+        let scenes = vec![SceneRows { name: "falls".into(), rows: vec![row], ..SceneRows::default() }];
+        let text = csv(&Comparison { scenes, ..Comparison::default() });
+        assert!(text.contains("\r\nfalls,\"a, \"\"b\"\"\",method,\"no\nlibrary\",,"), "{text}");
+        let columns = |line: &str| line.split(',').count();
+        assert_eq!(columns(text.lines().next().unwrap()), 5 + ALL.len());
+    }
+}

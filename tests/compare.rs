@@ -1,0 +1,148 @@
+//! `enliven compare` as a person meets it: what is made, what is kept, what is told.
+
+use std::fs::{self, File};
+use std::path::Path;
+use std::process::Output;
+
+use assert_cmd::Command;
+use enliven::base::rng;
+use enliven::raster::filter::gaussian;
+use enliven::raster::image::{Color, Plane};
+use enliven::raster::picture_io::{write_grey_png, write_png};
+use enliven::report::comparison::{Comparison, Row};
+use tempfile::TempDir;
+
+const SIZE: (usize, usize) = (112, 80);
+
+/// A folder with two scenes of one picture.
+fn studio() -> TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let noise = |c: u64| {
+        let noise = Plane::from_fn(SIZE.0, SIZE.1, |x, y| rng::unit(rng::hash(c, &[x as u64, y as u64])) - 0.5);
+        gaussian(&noise, 1.5).map(|v| (0.5 + 1.6 * v).clamp(0.0, 1.0))
+    };
+    let picture = Color::from_planes([noise(0), noise(1), noise(2)]).to_rgb8();
+    write_png(&folder.path().join("picture.png"), &picture).unwrap();
+    let matte = Plane::from_fn(SIZE.0, SIZE.1, |x, _| ((x as f32 - 40.0) / 4.0).clamp(0.0, 1.0));
+    write_grey_png(&folder.path().join("matte.png"), &matte).unwrap();
+    for (name, direction) in [("down", 90), ("right", 0)] {
+        let text = format!(
+            "picture = 'picture.png'\nmatte = 'matte.png'\n[motion]\ndirection = {direction}\n[output]\nframes = 10\n"
+        );
+        fs::write(folder.path().join(format!("{name}.toml")), text).unwrap();
+    }
+    folder
+}
+
+fn run(folder: &Path, line: &str) -> Output {
+    let mut command = Command::cargo_bin("enliven").unwrap();
+    command.current_dir(folder).env("PATH", "").arg("compare").args(line.split_whitespace()).output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8(output.stderr.clone()).unwrap()
+}
+
+fn succeed(folder: &Path, line: &str) -> String {
+    let output = run(folder, line);
+    assert!(output.status.success(), "{line}: {}", said(&output));
+    said(&output)
+}
+
+fn results(folder: &Path) -> Comparison {
+    serde_json::from_str(&fs::read_to_string(folder.join("results.json")).unwrap()).unwrap()
+}
+
+fn names(rows: &[Row]) -> Vec<&str> {
+    rows.iter().map(|row| row.name.as_str()).collect()
+}
+
+#[test]
+fn all_methods_stand_beside_each_other_and_what_fails_is_told() {
+    let folder = studio();
+    succeed(folder.path(), "down.toml right.toml --methods kwatra,database -o out");
+    let out = folder.path().join("out");
+    let found = results(&out);
+    assert_eq!(found.scenes.iter().map(|scene| scene.name.as_str()).collect::<Vec<_>>(), ["down", "right"]);
+    for scene in &found.scenes {
+        assert_eq!(names(&scene.rows), ["frozen", "advect", "kwatra", "database"]);
+        for row in &scene.rows[..3] {
+            let video = out.join(row.video.as_ref().unwrap());
+            assert!(video.exists() && row.failed.is_none() && row.values.contains_key("warp error"), "{row:?}");
+            assert!(row.series.iter().any(|series| series.measure == "sharpness retention"));
+        }
+        let failed = scene.rows[3].failed.as_ref().unwrap();
+        assert!(failed.contains("library") && scene.rows[3].video.is_none(), "{failed}");
+        assert!(scene.rows[0].values["warp error"] < scene.rows[1].values["warp error"]);
+    }
+    let page = fs::read_to_string(out.join("index.html")).unwrap();
+    assert!(page.contains("Not made") && page.contains("src=\"right/kwatra.mp4\"") && page.contains(&found.command));
+    let table = fs::read_to_string(out.join("results.csv")).unwrap();
+    assert_eq!(table.lines().count(), 9);
+    assert!(table.lines().nth(3).unwrap().starts_with("down,kwatra,method,,"), "{table}");
+}
+
+#[test]
+fn finished_rows_are_kept_and_what_changed_is_named() {
+    let folder = studio();
+    let line = "down.toml --methods kwatra,advect -o out";
+    succeed(folder.path(), line);
+    let first = fs::read(folder.path().join("out/down/kwatra.mp4")).unwrap();
+    let again = succeed(folder.path(), line);
+    assert_eq!(again.matches("kept, nothing has changed").count(), 3, "{again}");
+    let other = succeed(folder.path(), &format!("{line} --set kwatra.lambda=0.9"));
+    assert!(other.contains("down, kwatra: made again, changed: kwatra.lambda"), "{other}");
+    assert_eq!(other.matches("kept, nothing has changed").count(), 2, "{other}");
+    succeed(folder.path(), line);
+    assert!(fs::read(folder.path().join("out/down/kwatra.mp4")).unwrap() == first);
+    // A lost video, and another picture under the same name.
+    fs::remove_file(folder.path().join("out/down/advect.mp4")).unwrap();
+    let lost = succeed(folder.path(), line);
+    assert!(lost.contains("down, advect: made again, its video is gone"), "{lost}");
+    write_grey_png(&folder.path().join("matte.png"), &Plane::filled(SIZE.0, SIZE.1, 1.0)).unwrap();
+    let changed = succeed(folder.path(), line);
+    assert_eq!(changed.matches("made again, changed: matte.png").count(), 3, "{changed}");
+}
+
+#[test]
+fn the_command_on_the_page_repeats_it() {
+    let folder = studio();
+    succeed(
+        folder.path(),
+        "down.toml --methods kwatra --sweep kwatra.lambda=1,2 --sweep kwatra.patch=5,7 --frames 8 -o out",
+    );
+    let out = folder.path().join("out");
+    let found = results(&out);
+    let swept =
+        ["kwatra lambda=1 patch=5", "kwatra lambda=1 patch=7", "kwatra lambda=2 patch=5", "kwatra lambda=2 patch=7"];
+    assert_eq!(names(&found.scenes[0].rows)[2..], swept);
+    assert_eq!(found.scenes[0].frames, 8);
+    let line = found.command.strip_prefix("enliven compare ").unwrap();
+    let again = succeed(&out, line);
+    assert_eq!(again.matches("kept, nothing has changed").count(), 6, "{again}");
+    assert_eq!(results(&out), found);
+}
+
+#[test]
+fn mistakes_are_named_before_any_work() {
+    let folder = studio();
+    let refuse = |line: &str, parts: &[&str]| {
+        let output = run(folder.path(), line);
+        let said = said(&output);
+        assert_eq!(output.status.code(), Some(2), "{line}: {said}");
+        parts.iter().for_each(|part| assert!(said.contains(part), "{line}: {part:?} is not in {said}"));
+        assert!(!folder.path().join("out").exists());
+    };
+    refuse("down.toml --methods fluids -o out", &["no method \"fluids\"", "lazyfluids"]);
+    refuse("down.toml --methods advect,advect -o out", &["advect is named twice"]);
+    refuse("down.toml --sweep kwatra=3 -o out", &["METHOD.KEY=V1,V2"]);
+    refuse("down.toml --sweep kwatra.lamda=3 -o out", &["kwatra.lamda", "did you mean \"lambda\"?"]);
+    refuse("down.toml --methods advect --sweep kwatra.lambda=3 -o out", &["kwatra is not compared"]);
+    refuse("down.toml --set kwatra.patch=4 -o out", &["kwatra.patch: 4 is out of range"]);
+    fs::create_dir(folder.path().join("busy")).unwrap();
+    let lock = File::create(folder.path().join("busy/.lock")).unwrap();
+    lock.lock().unwrap();
+    let output = run(folder.path(), "down.toml --methods advect -o busy");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(said(&output).contains("another comparison is at work here"), "{}", said(&output));
+}
