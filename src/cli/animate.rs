@@ -253,6 +253,10 @@ impl Animate {
             }
             None => run(self.settings()?, &places, observer)?,
         };
+        let method = record.scene.method.as_deref().unwrap_or_default();
+        for option in self.set.iter().filter(|text| text.split('.').next() != Some(method)) {
+            observer.note(&format!("--set {option}: not used, the method is {method}"));
+        }
         if self.json {
             say!("{}", to_json(&record)?);
         } else {

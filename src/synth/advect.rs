@@ -37,6 +37,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
     summary: "carries the picture along the motion that is asked for; needs strokes or a direction, and no library",
     citation: "after Holynski, Curless, Seitz & Szeliski, \"Animating Pictures with Eulerian Motion Fields\", CVPR 2021, \
                without the network",
+    library: false,
+    exemplar: false,
     designed: false,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.to_table()),

@@ -37,6 +37,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
     summary: "carries the picture along the motion and lets pieces of a library's clips change it on its way",
     citation: "ours, from Okabe, Anjyo & Onai 2011 and Holynski, Curless, Seitz & Szeliski, \"Animating Pictures with \
                Eulerian Motion Fields\", CVPR 2021",
+    library: true,
+    exemplar: false,
     designed: false,
     options: declared,
     complete: |table| {

@@ -62,6 +62,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
     summary: "gives a fluid of known motion the looks of an exemplar, all of whose patches are used equally often",
     citation: "Jamriška, Fišer, Asente, Lu, Shechtman & Sýkora, \"LazyFluids: Appearance Transfer for Fluid Animations\", \
                ACM TOG 34(4), 2015",
+    library: false,
+    exemplar: true,
     designed: true,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.checked()?.to_table()),

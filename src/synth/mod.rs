@@ -41,7 +41,7 @@ use crate::base::options::{Declared, Table, unknown};
 use crate::library::names::Names;
 use crate::library::reader::Pack;
 use crate::raster::image::Rgb8;
-use crate::scene::file;
+use crate::scene::file::{self, SceneFile};
 use crate::scene::scene::Scene;
 use crate::video::clip::Sink;
 use record::{RunRecord, Timed};
@@ -95,6 +95,10 @@ pub struct MethodEntry {
     pub summary: &'static str,
     /// Where it comes from.
     pub citation: &'static str,
+    /// Whether it borrows from libraries.
+    pub library: bool,
+    /// Whether it borrows from an exemplar.
+    pub exemplar: bool,
     /// Whether it takes a designed target ([`crate::scene::target`]) in place of a picture.
     pub designed: bool,
     /// Its options.
@@ -163,12 +167,23 @@ pub fn run(scene: &Scene, sink: &mut dyn Sink, observer: &dyn Observer) -> Resul
     let synthesizer = (method.build)(&checked.options(method.name))?;
     let sources = Sources::open(&checked)?;
     let timed = Timed::new(observer);
+    note_unused(method, scene.settings(), &timed);
     let names = sources.names(&timed);
     checked.leave_out(by_hash(&scene.settings().without, &names));
     let mut outcome = synthesizer.synthesize(&checked, &sources, sink, &timed)?;
     outcome.record.finish(&checked, &timed);
     outcome.record.name_clips(&names);
     Ok(outcome)
+}
+
+/// Says what the method makes no use of.
+fn note_unused(method: &MethodEntry, file: &SceneFile, observer: &dyn Observer) {
+    if !method.library && !file.library.is_empty() {
+        observer.note(&format!("{} borrows from no library: the one that is named is not used", method.name));
+    }
+    if let Some(exemplar) = file.exemplar.as_ref().filter(|_| !method.exemplar) {
+        observer.note(&format!("{} takes no exemplar: {} is not used", method.name, exemplar.display()));
+    }
 }
 
 /// Clips that a person named, by their hashes, so that what is written down repeats the run without any names.

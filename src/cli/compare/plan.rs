@@ -209,6 +209,12 @@ fn points<'a>(method: &str, sweeps: &'a [Sweep]) -> Vec<Vec<(&'a str, &'a str)>>
 
 fn cell(file: &SceneFile, method: &str, point: &[(&str, &str)]) -> Result<Cell> {
     let mut file = SceneFile { method: Some(method.to_owned()), ..file.clone() };
+    // What a method makes no use of does not make its rows anew.
+    if let Some(entry) = REGISTRY.iter().find(|entry| entry.name == method) {
+        file.library.retain(|_| entry.library);
+        file.exemplar.take_if(|_| !entry.exemplar);
+        file.exemplar_alpha.take_if(|_| !entry.exemplar);
+    }
     let mut name = method.to_owned();
     for (key, value) in point {
         set(&mut file, &format!("{method}.{key}={value}"))?;
