@@ -124,6 +124,20 @@ fn the_command_on_the_page_repeats_it() {
 }
 
 #[test]
+fn a_designed_target_is_compared_by_the_methods_that_take_one() {
+    let folder = studio();
+    let simulation = "size = [48, 40]\nframes = 9\nrun_in = 6\n[sides]\ntop = 'open'\n[[emitter]]\n\
+                      disc = [24, 30, 9]\nrate = 0.5\ntemperature = 1\nvelocity = [0, -1]\n";
+    fs::write(folder.path().join("sim.toml"), simulation).unwrap();
+    let mut command = Command::cargo_bin("enliven").unwrap();
+    command.current_dir(folder.path()).args(["simulate", "sim.toml", "-o", "sim"]).assert().success();
+    succeed(folder.path(), "sim --exemplar picture.png -o out");
+    let rows = results(&folder.path().join("out")).scenes.remove(0).rows;
+    assert_eq!(names(&rows), ["lazyfluids", "kwatra"]);
+    assert!(rows.iter().all(|row| row.failed.is_none() && row.values.contains_key("direction error")), "{rows:?}");
+}
+
+#[test]
 fn mistakes_are_named_before_any_work() {
     let folder = studio();
     let refuse = |line: &str, parts: &[&str]| {

@@ -130,6 +130,10 @@ impl Compare {
         if file.library.is_empty() {
             file.library.clone_from(&self.library);
         }
+        if file.exemplar.is_none() {
+            file.exemplar.clone_from(&self.exemplar);
+            file.exemplar_alpha.clone_from(&self.exemplar_alpha);
+        }
         file.output.frames = self.frames.or(file.output.frames);
         file.output.working_size = self.working_size.unwrap_or(file.output.working_size);
         file.output.seed = self.seed.unwrap_or(file.output.seed);
