@@ -50,11 +50,18 @@ impl Setup {
     /// Reads and checks a simulation's file.
     ///
     /// # Errors
-    /// Those of [`parse`] and [`Setup::new`].
+    /// Those of [`parse`] and [`Setup::new`]; a gas without emitters.
     pub fn open(path: &Path) -> Result<Self> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, "read", e))?;
         let folder = path.parent().unwrap_or(Path::new(""));
-        Self::new(parse(&text, path)?, folder).map_err(|error| error.within(path))
+        let file = parse(&text, path)?;
+        let empty = file.mode == Mode::Gas && file.emitters.is_empty();
+        let setup = Self::new(file, folder).map_err(|error| error.within(path))?;
+        if empty {
+            let error = wrong("emitter", "there is none, so nothing would be seen", "at least one table [[emitter]]");
+            return Err(error.within(path));
+        }
+        Ok(setup)
     }
 
     /// Checks a simulation whose paths are relative to `folder`.
@@ -82,9 +89,6 @@ impl Setup {
             return Err(wrong("obstacle", "no room is left for the fluid", "obstacles that leave some pixels free"));
         }
         let domain = Domain::new(width, height, solid, file.sides);
-        if file.mode == Mode::Gas && file.emitters.is_empty() {
-            return Err(wrong("emitter", "there is none, so nothing would be seen", "at least one table [[emitter]]"));
-        }
         let mut emitters = Vec::new();
         for n in 0..file.emitters.len() {
             emitters.push(emitter(&mut file, n, folder, &domain)?);
