@@ -98,6 +98,9 @@ fn main() -> Result<()> {
         ("control", repetitive(), &turning),
     ];
     for (name, picture, target) in cases.iter().filter(|(name, ..)| wanted(setting("only"), name)) {
+        if *name == "control" && !rules.contains(&"plain") {
+            continue;
+        }
         let exemplar = folder.join(format!("{name}.png"));
         write_png(&exemplar, picture)?;
         let rules: Vec<&str> = rules.iter().filter(|rule| *name != "control" || **rule == "plain").copied().collect();
