@@ -51,8 +51,11 @@ v.onerror = () => { say('error', v.error.code); say('end'); };
   say('size', v.videoWidth, v.videoHeight, v.duration);
   const g = c.getContext('2d');
   for (const t of [0, 60, 7, 24, 25, 74, 31, 1]) {
+    // The end of seeking is told before the frame is there to be drawn; what is shown already is not shown anew.
+    const shown = new Promise(done => v.requestVideoFrameCallback(done));
     v.currentTime = (t + 0.5) / 25;
     await until('seeked');
+    await Promise.race([shown, new Promise(done => setTimeout(done, 1000))]);
     g.drawImage(v, 0, 0);
     const at = (column, row) => [...g.getImageData((column + .5) * c.width / 8, (row + .5) * c.height / 2, 1, 1).data];
     let number = 0, colours = [];
