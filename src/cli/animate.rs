@@ -16,7 +16,7 @@ use crate::report::run::{FILES, SHEET_FRAMES, to_json, write as write_report};
 use crate::scene::designed::Designed;
 use crate::scene::file::{Motion, SceneFile, set};
 use crate::scene::frame_map::{preview_size, preview_working};
-use crate::scene::scene::{self, MIN_FRAMES, Scene};
+use crate::scene::scene::{self, MIN_FRAMES, Scene, for_each_path};
 use crate::synth::record::RunRecord;
 use crate::synth::{self, DEFAULT_METHOD};
 use crate::video::clip::Sink;
@@ -386,12 +386,9 @@ fn refuse_input(places: &Places, file: &SceneFile) -> Result<()> {
     written.extend(places.preview.then(|| beside(places.output, "preview.png")));
     written.extend(places.report.into_iter().flat_map(|folder| FILES.map(|name| folder.join(name))));
     let written: Vec<PathBuf> = written.iter().filter_map(|path| path.canonicalize().ok()).collect();
-    let SceneFile { picture, matte, background, exemplar, exemplar_alpha, reference, library, motion, .. } = file;
-    let Motion { strokes, orientation, speed, .. } = motion;
-    let optional = [matte, background, exemplar, exemplar_alpha, reference, strokes, orientation, speed];
-    let folders = file.target.iter().flat_map(|target| [&target.flow, &target.alpha].into_iter().chain(&target.height));
-    let mut inputs = optional.into_iter().flatten().chain(library).chain([picture]).chain(folders);
-    match inputs.find(|path| path.canonicalize().is_ok_and(|path| written.contains(&path))) {
+    let mut inputs = Vec::new();
+    for_each_path(&mut file.clone(), |path| inputs.push(path.clone()));
+    match inputs.iter().find(|path| path.canonicalize().is_ok_and(|path| written.contains(&path))) {
         Some(path) => Err(Error::file(Kind::Usage, path, "is read for this video and would be written over")
             .remedy("give another name with -o, or another folder with --report")),
         None => Ok(()),

@@ -35,6 +35,16 @@ pub enum Better {
 }
 
 impl Better {
+    /// How bad a value is: the lower, the better.
+    pub fn badness(self, value: f64) -> f64 {
+        match self {
+            Self::Lower => value,
+            Self::Higher => -value,
+            Self::Zero => value.abs(),
+            Self::One => (value - 1.0).abs(),
+        }
+    }
+
     /// In words.
     pub fn words(self) -> &'static str {
         match self {

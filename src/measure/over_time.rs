@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use super::footage::spread;
 use super::subject::Subject;
-use super::{ALL, Better, colour, continuity, motion, sharpness};
+use super::{ALL, colour, continuity, motion, sharpness};
 
 /// Most frames looked at.
 const FRAMES: usize = 60;
@@ -36,13 +36,8 @@ impl Series {
     /// The frame with the worst value; none where the places are no frames.
     pub fn worst_frame(&self) -> Option<usize> {
         let better = ALL.iter().find(|measure| measure.name == self.measure)?.better;
-        let badness = |v: f64| match better {
-            Better::Lower => v,
-            Better::Higher => -v,
-            Better::Zero => v.abs(),
-            Better::One => (v - 1.0).abs(),
-        };
-        let worst = self.places.iter().zip(&self.values).max_by(|a, b| badness(*a.1).total_cmp(&badness(*b.1)))?;
+        let badness = |v: &f64| better.badness(*v);
+        let worst = self.places.iter().zip(&self.values).max_by(|a, b| badness(a.1).total_cmp(&badness(b.1)))?;
         (self.along == Along::Frames).then_some(*worst.0 as usize)
     }
 }

@@ -95,7 +95,7 @@ pub struct TargetFile {
     pub flow: PathBuf,
     /// Opacity: one grey picture a frame, white = opaque.
     pub alpha: PathBuf,
-    /// Height of the surface, grey pictures, where there is one.
+    /// Height of the surface, grey pictures, where there is one; checked like the others, and used by no method yet.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub height: Option<PathBuf>,
 }

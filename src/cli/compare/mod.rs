@@ -69,13 +69,14 @@ impl Compare {
         let mut comparison = Comparison { program: kept::program()?, command: plan.command(), scenes: Vec::new() };
         let mut failed = 0;
         for scene in &plan.scenes {
+            let at = comparison.scenes.len();
             comparison.scenes.push(scene.empty());
             for cell in &scene.cells {
                 let row = rows::row(&self.output, scene, cell, observer)?;
                 failed += u64::from(row.failed.is_some());
-                let rows = comparison.scenes.last_mut().expect("a scene was just pushed");
-                rows.rows.push(row);
-                rows::add_pictures(rows, &self.output);
+                let shown = &mut comparison.scenes[at];
+                shown.rows.push(row);
+                rows::add_pictures(shown, &self.output);
                 comparison.write(&self.output)?;
             }
         }

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::measure::over_time::Series;
-use crate::measure::{ALL, Better, Measure};
+use crate::measure::{ALL, Measure};
 
 /// Everything that a comparison found.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -99,19 +99,9 @@ impl SceneRows {
     /// The best method by a measure; none where fewer than two have a value.
     fn best(&self, measure: &Measure) -> Option<&Row> {
         let with: Vec<(&Row, f64)> = self.methods().filter_map(|row| Some((row, row.value(measure)?))).collect();
-        let badness = |v: f64| badness(measure.better, v);
+        let badness = |v: f64| measure.better.badness(v);
         let best = with.iter().min_by(|a, b| badness(a.1).total_cmp(&badness(b.1)))?;
         (with.len() > 1).then_some(best.0)
-    }
-}
-
-/// The lower, the better.
-fn badness(better: Better, value: f64) -> f64 {
-    match better {
-        Better::Lower => value,
-        Better::Higher => -value,
-        Better::Zero => value.abs(),
-        Better::One => (value - 1.0).abs(),
     }
 }
 
