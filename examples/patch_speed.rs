@@ -25,7 +25,7 @@ use enliven::raster::picture_io::read_picture;
 use enliven::raster::resample::resize;
 use enliven::synth::chain::Recipe;
 use enliven::synth::lazyfluids::Options;
-use enliven::synth::sequence::PatchMethod;
+use enliven::synth::patch_method::PatchMethod;
 use rustix::time::{ClockId, clock_gettime};
 
 /// Frames of a sequence; the first starts from nothing and does not count.

@@ -41,7 +41,7 @@ use enliven::simulate::setup::Setup;
 use enliven::synth::chain::{Chain, State};
 use enliven::synth::exemplar::Exemplar;
 use enliven::synth::lazyfluids::Options;
-use enliven::synth::sequence::PatchMethod;
+use enliven::synth::patch_method::PatchMethod;
 
 /// Side of exemplars and targets, pixels.
 const SIDE: usize = 256;

@@ -4,8 +4,8 @@
 use super::chain::Recipe;
 use super::channels::{Channels, Content};
 use super::exemplar::Wanted;
+use super::patch_method::{PatchMethod, Showing, synthesize};
 use super::record::Timed;
-use super::sequence::{PatchMethod, Showing, synthesize};
 use super::{MethodEntry, Outcome, Sources, Synthesizer};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::options::declare_options;

@@ -22,12 +22,12 @@ pub mod outcome;
 pub mod outline;
 pub mod own;
 pub mod pace;
+pub mod patch_method;
 pub mod pick;
 pub mod placing;
 pub mod rates;
 pub mod record;
 pub mod rendering;
-pub mod sequence;
 pub mod speeds;
 pub mod whole_pixels;
 
