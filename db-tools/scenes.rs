@@ -5,10 +5,10 @@ use std::path::PathBuf;
 use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::Observer;
 use enliven::say;
-use enliven::scene::leave_one_out::{Report, scenes};
+use enliven::scene::leave_one_out::{Options, Report, scenes};
 
-/// Make scenes to measure by: a frame of each clip as the picture, what moves as the matte, the clip's later frames as the
-/// reference. Each is animated with the library less its own clip.
+/// Make scenes to measure by: a frame of each clip as the picture, what moves as the matte, strokes along its motion, the
+/// clip's later frames as the reference. Each is animated with the library less its own clip.
 #[derive(clap::Args)]
 pub struct Scenes {
     /// Video files, or folders of them
@@ -17,6 +17,9 @@ pub struct Scenes {
     /// Library that the scenes borrow from, and in which their clips are left out; may be given more than once
     #[arg(long, value_name = "PACK")]
     library: Vec<PathBuf>,
+    /// Draw no strokes along the clips' own motion
+    #[arg(long)]
+    no_strokes: bool,
     /// Folder for the scenes, one folder each
     #[arg(short, long)]
     output: PathBuf,
@@ -27,7 +30,8 @@ pub struct Scenes {
 
 impl Scenes {
     pub fn run(&self, observer: &dyn Observer) -> Result<()> {
-        let report = scenes(&self.clips, &self.library, &self.output, observer)?;
+        let options = Options { libraries: self.library.clone(), unasked: self.no_strokes };
+        let report = scenes(&self.clips, &options, &self.output, observer)?;
         if self.json {
             let text = serde_json::to_string_pretty(&report);
             say!("{}", text.map_err(|e| Error::new(Kind::Data, "report", e.to_string()))?);

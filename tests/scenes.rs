@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 
 use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::Silent;
+use enliven::flow::strokes;
 use enliven::library::build::build;
 use enliven::library::inputs::identify;
 use enliven::raster::image::Rgb8;
 use enliven::raster::picture_io::{read_grey, read_picture};
-use enliven::scene::leave_one_out::{Report, scenes};
+use enliven::scene::leave_one_out::{Options, Report, scenes};
 use enliven::scene::scene::{Scene, open};
 use enliven::synth::run;
 use enliven::video::clip::Sink;
@@ -59,7 +60,8 @@ impl Stage {
 
     fn scenes(&self, clips: &[&str], libraries: &[&str], output: &str) -> Result<Report, Error> {
         let paths = |names: &[&str]| names.iter().map(|n| self.at(n)).collect::<Vec<_>>();
-        scenes(&paths(clips), &paths(libraries), &self.at(output), &Silent)
+        let options = Options { libraries: paths(libraries), unasked: false };
+        scenes(&paths(clips), &options, &self.at(output), &Silent)
     }
 }
 
@@ -82,7 +84,7 @@ fn a_scene_leaves_its_clip_and_its_twins_out_and_animates() {
     assert!(report.written.iter().all(|w| w.nearest.as_ref().is_some_and(|n| n.1 > 0.7)));
 
     let folder = stage.at("out/a");
-    assert_eq!(names(&folder), ["matte.png", "picture.png", "reference", "scene.toml"]);
+    assert_eq!(names(&folder), ["matte.png", "picture.png", "reference", "scene.toml", "strokes.json"]);
     let scene = &report.written[0];
     let later = |t: usize| folder.join(format!("reference/{t:05}.png"));
     assert_eq!(names(&folder.join("reference")).len(), scene.reference.1 - scene.reference.0);
@@ -92,7 +94,14 @@ fn a_scene_leaves_its_clip_and_its_twins_out_and_animates() {
     let matte = read_grey(&folder.join("matte.png")).unwrap();
     assert!(matte.at(4, 40) < 0.1 && matte.at(60, 40) > 0.9, "the wall is still, the fall moves");
 
+    let drawn = strokes::read(&folder.join("strokes.json"), (common::WIDTH, common::HEIGHT)).unwrap();
+    let [((x, y), (to_x, to_y))] = drawn.iter().map(|s| (s.points[0], s.points[1])).collect::<Vec<_>>()[..] else {
+        panic!("{drawn:?}")
+    };
+    assert!(to_y - y > 3.0 * (to_x - x).abs(), "the fall goes down");
+
     let mut file = open(&folder).unwrap();
+    assert_eq!(file.motion.strokes, Some(folder.join("strokes.json")));
     assert_eq!(file.reference, Some(folder.join("reference")));
     file.output.frames = Some(6);
     let mut sink = Count::default();
@@ -115,6 +124,10 @@ fn clips_that_no_library_has_serve_too() {
     assert_eq!(report.written[0].nearest, None);
     let file = open(&stage.at("alone/new")).unwrap();
     assert!(file.library.is_empty() && file.without.is_empty());
+
+    let options = Options { unasked: true, ..Options::default() };
+    scenes(&[stage.at("new.y4m")], &options, &stage.at("unasked"), &Silent).unwrap();
+    assert_eq!(names(&stage.at("unasked/new")), ["matte.png", "picture.png", "reference", "scene.toml"]);
 }
 
 #[test]

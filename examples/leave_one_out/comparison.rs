@@ -1,62 +1,16 @@
 //! Methods beside each other on the same clips.
 //!
 //! All get the same picture, matte and strokes, and those with a library the same library without the clip. The strokes
-//! are what a person would draw who has seen the clip: one stroke on each large part of the matte, along the mean motion
-//! there, without a speed. With `--unasked` only `advect`, which can do nothing without, gets them.
+//! are what a person would draw who has seen the clip (`scene::clip_strokes`). With `--unasked` only `advect`, which can do nothing without, gets them.
 
-use std::fmt::Write as _;
-use std::path::Path;
 use std::time::Instant;
 
 use anyhow::Result;
-use enliven::library::reader::Pack;
-use enliven::library::variant::CELL;
 use enliven::measure::{Footage, Subject, value};
-use enliven::raster::components::Components;
-use enliven::raster::image::Plane;
 use enliven::render::layout::BANDS;
 use enliven::scene::file::SceneFile;
 
 use super::{Arguments, Distances, Known, distances, keep_frames};
-
-/// Parts of the matte below this share of it get no stroke.
-const LARGE: f32 = 0.1;
-/// Length of a stroke, pixels.
-const LENGTH: f32 = 40.0;
-
-/// Writes a stroke for every large part of the matte, through the pixel nearest to its middle.
-pub fn draw_strokes(pack: &Pack, clip: u32, matte: &Plane, path: &Path) -> Result<()> {
-    let grid = pack.grid(clip, 0)?;
-    let parts = Components::above(matte, 0.5);
-    let fluid: usize = parts.sizes.iter().sum();
-    let mut strokes = String::new();
-    for part in (1..=parts.sizes.len()).filter(|part| parts.sizes[part - 1] as f32 > LARGE * fluid as f32) {
-        let pixels: Vec<(usize, usize)> = (0..matte.data.len())
-            .filter(|&i| parts.labels[i] as usize == part)
-            .map(|i| (i % matte.width, i / matte.width))
-            .collect();
-        let mean =
-            |of: &dyn Fn(usize, usize) -> f32| pixels.iter().map(|&(x, y)| of(x, y)).sum::<f32>() / pixels.len() as f32;
-        let motion = |k: usize| {
-            move |x: usize, y: usize| {
-                let cell = (y / CELL).min(grid.height - 1) * grid.width + (x / CELL).min(grid.width - 1);
-                grid.cells[cell].mean[k].to_f32()
-            }
-        };
-        let (u, v) = (mean(&motion(0)), mean(&motion(1)));
-        let (middle_x, middle_y) = (mean(&|x, _| x as f32), mean(&|_, y| y as f32));
-        let far = |&(x, y): &(usize, usize)| (x as f32 - middle_x).hypot(y as f32 - middle_y);
-        let Some(&(x, y)) = pixels.iter().min_by(|a, b| far(a).total_cmp(&far(b))) else { continue };
-        let scale = 0.5 * LENGTH / u.hypot(v).max(1e-6);
-        let end = |sign: f32| {
-            let place = |c: usize, d: f32, size: usize| (c as f32 + sign * scale * d).clamp(0.0, size as f32 - 1.0);
-            format!("[{:.1}, {:.1}]", place(x, u, matte.width), place(y, v, matte.height))
-        };
-        let comma = if strokes.is_empty() { "" } else { ", " };
-        write!(strokes, "{comma}{{\"points\": [{}, {}]}}", end(-1.0), end(1.0))?;
-    }
-    Ok(std::fs::write(path, format!("{{\"strokes\": [{strokes}]}}"))?)
-}
 
 /// Prints a line per clip and method.
 pub fn compare(known: &[Known], arguments: &Arguments) -> Result<()> {

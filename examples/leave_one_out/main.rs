@@ -24,6 +24,7 @@ use clap::Parser;
 use enliven::base::observe::Silent;
 use enliven::base::options::Table;
 use enliven::library::inputs::identify;
+use enliven::flow::strokes::to_json;
 use enliven::library::reader::Pack;
 use enliven::measure::{Footage, Recorder, Subject, value};
 use enliven::raster::image::{Plane, Rgb8};
@@ -31,6 +32,7 @@ use enliven::raster::picture_io::{write_grey_png, write_png};
 use enliven::raster::pyramid::{laplacian, reduce};
 use enliven::render::layout::BANDS;
 use enliven::scene::file::{SceneFile, set};
+use enliven::scene::clip_strokes::along_motion;
 use enliven::scene::left_out::LeftOut;
 use enliven::scene::scene::Scene;
 use enliven::synth::database::{Database, Options};
@@ -227,7 +229,7 @@ impl Known {
             ..SceneFile::default()
         };
         let strokes = folder.join(format!("{name}.strokes.json"));
-        comparison::draw_strokes(&pack, clip as u32, &left.matte, &strokes)?;
+        std::fs::write(&strokes, to_json(&along_motion(&pack, clip as u32, &left.matte)?))?;
         scene.output.frames = Some(arguments.frames);
         arguments.set.iter().try_for_each(|text| set(&mut scene, text))?;
         let half = (left.reference.len() / 2).min(120);

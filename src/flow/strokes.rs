@@ -63,6 +63,16 @@ pub fn read(path: &Path, size: (usize, usize)) -> Result<Vec<Stroke>> {
     parse(&text, path, size)
 }
 
+/// Strokes as JSON that [`read`] takes, coordinates and speeds to a tenth.
+pub fn to_json(strokes: &[Stroke]) -> String {
+    let line = |stroke: &Stroke| {
+        let points: Vec<String> = stroke.points.iter().map(|(x, y)| format!("[{x:.1}, {y:.1}]")).collect();
+        let speed = stroke.speed.map_or(String::new(), |speed| format!(", \"speed\": {speed:.1}"));
+        format!("    {{\"points\": [{}]{speed}}}", points.join(", "))
+    };
+    format!("{{\"strokes\": [\n{}\n]}}\n", strokes.iter().map(line).collect::<Vec<_>>().join(",\n"))
+}
+
 /// [`read`] for JSON in memory; `path` names the file in errors.
 ///
 /// # Errors

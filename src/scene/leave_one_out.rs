@@ -6,13 +6,15 @@ use std::sync::Arc;
 
 use serde::Serialize;
 
-use super::file::SceneFile;
+use super::clip_strokes::along_motion;
+use super::file::{Motion, SceneFile};
 use super::left_out::LeftOut;
 use super::scene::{SCENE_FILE, Scene};
 use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::par;
+use crate::flow::strokes;
 use crate::library::build::{self, Refused, build};
 use crate::library::inputs;
 use crate::library::piece::ClipId;
@@ -57,14 +59,25 @@ pub struct Report {
     pub refused: Vec<Refused>,
 }
 
+/// How scenes are made.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Options {
+    /// Packs that the scenes borrow from.
+    pub libraries: Vec<PathBuf>,
+    /// Whether the scenes go without strokes.
+    pub unasked: bool,
+}
+
 /// Writes into `folder` a scene for every clip of `clips` (files, or folders of them): `NAME/picture.png`, `matte.png`,
-/// `reference/` (lossless frames) and `scene.toml`, which animates with `libraries` less the clip and its twins. A clip
-/// that no library has is judged and analysed as a build would.
+/// `reference/` (lossless frames), unless `options` says otherwise `strokes.json` along the clip's own motion, and
+/// `scene.toml`, which animates with `libraries` less the clip and its twins. A clip that no library has is judged and
+/// analysed as a build would.
 ///
 /// # Errors
 /// When no clip can serve, a scene of that name exists, a library is damaged, the disk fails, or after a cancel.
 /// Scenes finished before stay; a folder without `scene.toml` is not one.
-pub fn scenes(clips: &[PathBuf], libraries: &[PathBuf], folder: &Path, observer: &dyn Observer) -> Result<Report> {
+pub fn scenes(clips: &[PathBuf], options: &Options, folder: &Path, observer: &dyn Observer) -> Result<Report> {
+    let libraries = &options.libraries;
     let files = inputs::expand(clips)?;
     let names = names(&files);
     refuse_existing(folder, &names)?;
@@ -80,7 +93,7 @@ pub fn scenes(clips: &[PathBuf], libraries: &[PathBuf], folder: &Path, observer:
         for ((path, name), place) in files.iter().zip(&names).zip(&found.places) {
             observe::check(observer)?;
             if let Some((pack, clip)) = place {
-                let target = Target { path, folder: folder.join(name), libraries };
+                let target = Target { path, folder: folder.join(name), options };
                 match target.write(pack, *clip, &changes, observer) {
                     Err(error) if error.kind() == Kind::Unusable => {
                         found.refused.push(Refused { path: path.clone(), reason: reason(&error) });
@@ -228,7 +241,7 @@ impl Library {
 struct Target<'a> {
     path: &'a Path,
     folder: PathBuf,
-    libraries: &'a [PathBuf],
+    options: &'a Options,
 }
 
 impl Target<'_> {
@@ -236,7 +249,7 @@ impl Target<'_> {
         let scene = LeftOut::of(pack, clip, observer)?;
         let id = pack.clips()[clip as usize].id;
         let (without, nearest) = library.split(id, &Changes::of(pack, clip, observer)?);
-        if !self.libraries.is_empty() && nearest.is_none() {
+        if !self.options.libraries.is_empty() && nearest.is_none() {
             return Err(Error::file(Kind::Unusable, self.path, "the library holds no other clip to animate it with"));
         }
         let folder = &self.folder;
@@ -246,12 +259,16 @@ impl Target<'_> {
         write_grey_png(&matte, &scene.matte)?;
         let reference = folder.join("reference");
         write_reference(&reference, pack, clip, &scene, observer)?;
+        let drawn = if self.options.unasked { Vec::new() } else { along_motion(pack, clip, &scene.matte)? };
+        let strokes = (!drawn.is_empty()).then(|| folder.join("strokes.json"));
+        strokes.as_ref().map_or(Ok(()), |path| atomic_file::write(path, strokes::to_json(&drawn).as_bytes()))?;
         let file = SceneFile {
             picture,
             matte: Some(matte),
-            library: self.libraries.to_vec(),
+            library: self.options.libraries.clone(),
             without: without.clone(),
             reference: Some(reference),
+            motion: Motion { strokes, ..Motion::default() },
             ..SceneFile::default()
         };
         // Last, for it makes the folder a scene.

@@ -1,6 +1,7 @@
 //! What is to be animated: a picture, its matte, and what a person asked for.
 
 pub mod asked;
+pub mod clip_strokes;
 pub mod designed;
 pub mod file;
 pub mod frame_map;
