@@ -11,6 +11,7 @@ use crate::cli::common::{columns, counted, say, wrapped};
 use crate::measure::Value;
 use crate::measure::footage::LONG_SIDE;
 use crate::report::measuring::{Measuring, Request};
+use crate::report::yardstick::{Reference, Yardstick};
 use crate::scene::file::SceneFile;
 use crate::scene::scene::{self, Scene};
 use crate::synth::record::RunRecord;
@@ -52,17 +53,14 @@ impl Measure {
     pub fn run(&self, observer: &dyn Observer) -> Result<()> {
         self.check()?;
         let record = record_of(&self.video)?;
-        let scene = self.scene_of(record.as_ref())?;
-        let request = Request {
-            video: &self.video,
-            scene: scene.as_ref(),
-            record: record.as_ref(),
-            loops: self.loops,
-            reference: self.reference.as_deref(),
-            reference_matte: self.reference_matte.as_deref(),
-            reference_size: self.reference_size,
+        let reference = Reference {
+            clip: self.reference.clone(),
+            matte: self.reference_matte.clone(),
+            long_side: self.reference_size,
         };
-        let measuring = Measuring::read(&request, observer)?;
+        let yardstick = Yardstick::read(self.scene_of(record.as_ref())?, reference, observer)?;
+        let request = Request { record: record.as_ref(), loops: self.loops, ..Request::new(&self.video) };
+        let measuring = Measuring::read(&request, &yardstick, observer)?;
         self.print(&measuring, &measuring.values(observer)?)
     }
 
@@ -87,14 +85,14 @@ impl Measure {
     }
 
     fn print(&self, measuring: &Measuring, values: &[Value]) -> Result<()> {
-        let Measuring { video, footage, reference, .. } = measuring;
+        let Measuring { size, footage, fitted, .. } = measuring;
         if !self.json {
             say!(
                 "{}: {} of {} × {} at {} per second, measured at {} × {}",
                 self.video.display(),
-                counted(video.frames.len() as u64, "frame"),
-                video.size.0,
-                video.size.1,
+                counted(footage.frames().len() as u64, "frame"),
+                size.0,
+                size.1,
                 footage.fps(),
                 footage.width(),
                 footage.height()
@@ -111,9 +109,9 @@ impl Measure {
             })
             .collect();
         let report = json!({
-            "video": self.video, "frames": video.frames.len(), "size": video.size, "fps": footage.fps(),
+            "video": self.video, "frames": footage.frames().len(), "size": size, "fps": footage.fps(),
             "loops": footage.loops(), "measured_size": [footage.width(), footage.height()],
-            "reference": reference.as_ref().map(|r| &r.0), "measures": rows,
+            "reference": fitted.reference.as_ref().map(|r| &r.0), "measures": rows,
         });
         let text = serde_json::to_string_pretty(&report);
         say!("{}", text.map_err(|e| Error::new(Kind::Data, "report", e.to_string()))?);

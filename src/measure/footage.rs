@@ -1,8 +1,9 @@
 //! Frames in memory, of one size, with what several measures need of them.
 
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 use super::motion::{self, Pair};
+use super::sliced::Sorted;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::par;
 use crate::raster::image::{Plane, Rgb8};
@@ -22,6 +23,34 @@ pub struct Footage {
     luma: OnceLock<Vec<Plane>>,
     mean: OnceLock<Plane>,
     pairs: OnceLock<Vec<Pair>>,
+    /// Colour patches, see [`super::patches`].
+    pub(super) colours: Kept<Sorted>,
+    /// Space-time patches, see [`super::patches`].
+    pub(super) dynamics: Kept<Sorted>,
+    /// Powers per band, see [`super::spectrum`].
+    pub(super) levels: Kept<Vec<Vec<f32>>>,
+}
+
+/// What random samples of some seed gave; those of another seed take its place.
+#[derive(Debug)]
+pub(super) struct Kept<T>(Mutex<Option<(u64, Option<Arc<T>>)>>);
+
+impl<T> Default for Kept<T> {
+    fn default() -> Self {
+        Self(Mutex::new(None))
+    }
+}
+
+impl<T> Kept<T> {
+    /// What `make` gives for `seed`, made once.
+    pub(super) fn get(&self, seed: u64, make: impl FnOnce() -> Option<T>) -> Option<Arc<T>> {
+        // What a panic left behind is whole or not there.
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        match &*kept {
+            Some((of, value)) if *of == seed => value.clone(),
+            _ => kept.insert((seed, make().map(Arc::new))).1.clone(),
+        }
+    }
 }
 
 impl Footage {

@@ -64,8 +64,8 @@ pub struct Pair {
     frames: (usize, usize),
     /// From the first frame to the second.
     forward: Field,
-    /// From the second to the first.
-    backward: Field,
+    /// What the motion does not explain: see [`unexplained`].
+    unexplained: (f64, usize),
 }
 
 /// Size of the frames that motion is estimated on.
@@ -76,7 +76,7 @@ fn flow_size(footage: &Footage) -> (usize, usize) {
 /// A frame's luma at the size that motion is estimated on.
 fn small(footage: &Footage, t: usize) -> Plane {
     let (width, height) = flow_size(footage);
-    resize(&footage.frames()[t].luma(), width, height)
+    resize(&footage.luma()[t], width, height)
 }
 
 /// The motion of at most [`PAIRS`] pairs of consecutive frames, both ways.
@@ -84,6 +84,7 @@ pub(super) fn pairs(footage: &Footage) -> Vec<Pair> {
     let steps = footage.steps();
     let chosen = spread(steps.len(), PAIRS);
     let (width, height) = flow_size(footage);
+    let inside = small_inside(footage);
     par::map(chosen.len(), |i| {
         let frames = steps[chosen[i]];
         let (from, to) = (small(footage, frames.0), small(footage, frames.1));
@@ -91,7 +92,8 @@ pub(super) fn pairs(footage: &Footage) -> Vec<Pair> {
         let (mut forward, mut backward) = (Field::default(), Field::default());
         solver.flow(&from, &to, &mut forward);
         solver.flow(&to, &from, &mut backward);
-        Pair { frames, forward, backward }
+        let unexplained = unexplained([&from, &to], [&forward, &backward], &inside);
+        Pair { frames, forward, unexplained }
     })
 }
 
@@ -126,30 +128,20 @@ fn mean_motion(footage: &Footage) -> Option<(Field, Plane)> {
 }
 
 fn warp_error(footage: &Footage) -> Option<f64> {
-    let sums = sums(footage);
-    let (sum, count) = sums.iter().fold((0.0, 0), |(sum, count), s| (sum + s.0, count + s.1));
+    let of_pairs = footage.pairs().iter().map(|pair| pair.unexplained);
+    let (sum, count) = of_pairs.fold((0.0, 0), |(sum, count), s| (sum + s.0, count + s.1));
     (count > 0).then(|| (sum / count as f64).sqrt())
 }
 
 /// The first frame of each pair, and the pair's own warp error (0 where nothing is seen in both).
 pub(super) fn warp_errors(footage: &Footage) -> (Vec<usize>, Vec<f64>) {
     let of = |(sum, count): (f64, usize)| (sum / count.max(1) as f64).sqrt();
-    let frames = footage.pairs().iter().map(|pair| pair.frames.0);
-    frames.zip(sums(footage).into_iter().map(of)).unzip()
-}
-
-/// [`unexplained`] of every pair.
-fn sums(footage: &Footage) -> Vec<(f64, usize)> {
-    let inside = small_inside(footage);
-    let pairs = footage.pairs();
-    par::map(pairs.len(), |i| unexplained(&pairs[i], footage, &inside))
+    footage.pairs().iter().map(|pair| (pair.frames.0, of(pair.unexplained))).unzip()
 }
 
 /// Sum of squared differences between the second frame and the first carried along the motion, and how many pixels
 /// were seen in both (forward and backward motion agree; Sundaram, Brox & Keutzer 2010, Eq. 5).
-fn unexplained(pair: &Pair, footage: &Footage, inside: &[bool]) -> (f64, usize) {
-    let (before, after) = (small(footage, pair.frames.0), small(footage, pair.frames.1));
-    let Pair { forward, backward, .. } = pair;
+fn unexplained([before, after]: [&Plane; 2], [forward, backward]: [&Field; 2], inside: &[bool]) -> (f64, usize) {
     let (mut sum, mut count) = (0.0, 0);
     for (i, _) in inside.iter().enumerate().filter(|(_, inside)| **inside) {
         let (bu, bv) = (backward.u.data[i], backward.v.data[i]);

@@ -1,7 +1,9 @@
 //! How patches of pixels are distributed, in space and in space and time.
 
+use std::sync::Arc;
+
 use super::footage::Footage;
-use super::sliced::{Points, distance};
+use super::sliced::{Points, Sorted, distance, scaled_distance};
 use super::{Better, Measure};
 use crate::base::rng;
 
@@ -21,7 +23,8 @@ pub const PATCH_DISTANCE: Measure = Measure {
     better: Better::Lower,
     compute: |subject| {
         let (a, b) = (subject.footage, subject.appearance()?);
-        Some(distance(&colours(a, subject.seed)?, &colours(b, subject.seed)?, subject.seed))
+        let (a, b) = (colours(a, subject.seed)?, colours(b, subject.seed)?);
+        Some(distance(&a, &b))
     },
 };
 
@@ -34,7 +37,8 @@ pub const DYNAMICS_DISTANCE: Measure = Measure {
     better: Better::Lower,
     compute: |subject| {
         let (a, b) = (subject.footage, subject.reference?);
-        Some(distance(&dynamics(a, subject.seed)?, &dynamics(b, subject.seed)?, subject.seed))
+        let (a, b) = (dynamics(a, subject.seed)?, dynamics(b, subject.seed)?);
+        Some(distance(&a, &b))
     },
 };
 
@@ -47,20 +51,14 @@ pub const DYNAMICS_SHAPE: Measure = Measure {
     better: Better::Lower,
     compute: |subject| {
         let (a, b) = (subject.footage, subject.reference?);
-        Some(distance(&scaled(dynamics(a, subject.seed)?)?, &scaled(dynamics(b, subject.seed)?)?, subject.seed))
+        let (a, b) = (dynamics(a, subject.seed)?, dynamics(b, subject.seed)?);
+        let moves = a.deviation().min(b.deviation()) > STILL;
+        moves.then(|| scaled_distance(&a, &b, [a.deviation().recip(), b.deviation().recip()]))
     },
 };
 
 /// Deviation of points about 0 below which there is no motion to compare.
 const STILL: f64 = 5e-4;
-
-/// Points with a root mean square of 1; `None` when nothing moves.
-fn scaled(mut points: Points) -> Option<Points> {
-    let power: f64 = points.values.iter().map(|v| f64::from(v * v)).sum();
-    let deviation = (power / points.values.len() as f64).sqrt();
-    points.values.iter_mut().for_each(|v| *v /= deviation as f32);
-    (deviation > STILL).then_some(points)
-}
 
 /// Top left corners of the patches that lie wholly inside; `None` when there are too few.
 fn places(footage: &Footage) -> Option<Vec<usize>> {
@@ -86,7 +84,15 @@ fn samples(times: usize, places: &[usize], seed: u64) -> impl Iterator<Item = (u
     })
 }
 
-fn colours(footage: &Footage, seed: u64) -> Option<Points> {
+fn colours(footage: &Footage, seed: u64) -> Option<Arc<Sorted>> {
+    footage.colours.get(seed, || Some(Sorted::new(&colour_patches(footage, seed)?, seed)))
+}
+
+fn dynamics(footage: &Footage, seed: u64) -> Option<Arc<Sorted>> {
+    footage.dynamics.get(seed, || Some(Sorted::new(&moving_patches(footage, seed)?, seed)))
+}
+
+fn colour_patches(footage: &Footage, seed: u64) -> Option<Points> {
     let places = places(footage)?;
     let width = footage.width();
     let mut values = Vec::with_capacity(SAMPLES * 3 * SIDE * SIDE);
@@ -99,7 +105,7 @@ fn colours(footage: &Footage, seed: u64) -> Option<Points> {
     Some(Points { dimensions: 3 * SIDE * SIDE, values })
 }
 
-fn dynamics(footage: &Footage, seed: u64) -> Option<Points> {
+fn moving_patches(footage: &Footage, seed: u64) -> Option<Points> {
     let places = places(footage)?;
     let (luma, mean, width) = (footage.luma(), footage.mean(), footage.width());
     let times = if footage.loops() { luma.len() } else { (luma.len() + 1).saturating_sub(SIDE) };

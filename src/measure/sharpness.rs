@@ -50,11 +50,11 @@ pub(super) fn at(subject: &Subject, frames: &[usize]) -> Option<Vec<f64>> {
 
 /// Mean squared Laplacian (five points) of a frame's luma inside the matte.
 fn energy(footage: &Footage, t: usize) -> f64 {
-    let luma = footage.frames()[t].luma();
+    let luma = &footage.luma()[t];
     let (mut sum, mut count) = (0.0, 0usize);
     for y in 1..luma.height.saturating_sub(1) {
         for x in (1..luma.width.saturating_sub(1)).filter(|x| footage.inside()[y * luma.width + x]) {
-            sum += f64::from(laplacian_at(&luma, x, y)).powi(2);
+            sum += f64::from(laplacian_at(luma, x, y)).powi(2);
             count += 1;
         }
     }

@@ -21,34 +21,59 @@ impl Points {
     }
 }
 
+/// Points along every direction of a basis: all that a distance needs, and the costly part of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sorted {
+    /// Points, that is values per direction.
+    count: usize,
+    /// Direction by direction, in rising order.
+    values: Vec<f32>,
+    /// Root mean square of the points' entries.
+    deviation: f64,
+}
+
+impl Sorted {
+    /// Sorts points along the directions of the basis of `seed`.
+    pub fn new(points: &Points, seed: u64) -> Self {
+        let (d, n) = (points.dimensions, points.count());
+        let basis = basis(d, seed);
+        let mut values = vec![0.0; d * n];
+        par::for_each_chunk(&mut values, BLOCK * n, |block, out| {
+            let rows = &basis[block * BLOCK * d..((block + 1) * BLOCK * d).min(d * d)];
+            matmul::a_bt(rows.len() / d, n, d, rows, &points.values, out);
+            out.chunks_exact_mut(n).for_each(|row| row.sort_unstable_by(f32::total_cmp));
+        });
+        let power: f64 = points.values.iter().map(|v| f64::from(v * v)).sum();
+        Self { count: n, values, deviation: (power / (d * n) as f64).sqrt() }
+    }
+
+    /// Root mean square of the points' entries.
+    pub fn deviation(&self) -> f64 {
+        self.deviation
+    }
+}
+
 /// Root of the mean, over directions, of the squared 1-D Wasserstein-2 distance. When `b` is `a` with δ added to every
 /// point it is |δ| / √dimensions, the root mean square of δ's entries.
 ///
 /// # Panics
-/// When the two are not equally many points of equally many dimensions.
-pub fn distance(a: &Points, b: &Points, seed: u64) -> f64 {
-    assert_eq!((a.dimensions, a.values.len()), (b.dimensions, b.values.len()));
-    let (d, n) = (a.dimensions, a.count());
-    let basis = basis(d, seed);
-    let sums = par::map(d.div_ceil(BLOCK), |block| {
-        let rows = &basis[block * BLOCK * d..((block + 1) * BLOCK * d).min(d * d)];
-        let [a, b] = [a, b].map(|points| projections(points, rows));
-        a.chunks_exact(n).zip(b.chunks_exact(n)).map(|(a, b)| squared(a, b)).sum::<f64>()
-    });
-    (sums.iter().sum::<f64>() / (d * n) as f64).sqrt()
+/// When the two are not equally many points of equally many dimensions, along one basis.
+pub fn distance(a: &Sorted, b: &Sorted) -> f64 {
+    scaled_distance(a, b, [1.0, 1.0])
 }
 
-/// The points along each direction, sorted.
-fn projections(points: &Points, directions: &[f32]) -> Vec<f32> {
-    let (d, n) = (points.dimensions, points.count());
-    let mut out = vec![0.0; directions.len() / d * n];
-    matmul::a_bt(directions.len() / d, n, d, directions, &points.values, &mut out);
-    out.chunks_exact_mut(n).for_each(|row| row.sort_unstable_by(f32::total_cmp));
-    out
-}
-
-fn squared(a: &[f32], b: &[f32]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| f64::from(a - b).powi(2)).sum()
+/// [`distance`] of the points multiplied by `scales`.
+///
+/// # Panics
+/// As [`distance`].
+pub fn scaled_distance(a: &Sorted, b: &Sorted, scales: [f64; 2]) -> f64 {
+    assert_eq!((a.count, a.values.len()), (b.count, b.values.len()));
+    let [of_a, of_b] = scales.map(|scale| scale as f32);
+    let squared = |(a, b): (&f32, &f32)| f64::from(of_a * a - of_b * b).powi(2);
+    let along = |(a, b): (&[f32], &[f32])| a.iter().zip(b).map(squared).sum::<f64>();
+    let rows: Vec<(&[f32], &[f32])> = a.values.chunks_exact(a.count).zip(b.values.chunks_exact(b.count)).collect();
+    let sums = par::map(rows.len(), |i| along(rows[i]));
+    (sums.iter().sum::<f64>() / a.values.len() as f64).sqrt()
 }
 
 /// A random orthonormal basis of `d` dimensions, row by row: hashed normal numbers, made orthogonal (Gram & Schmidt,
@@ -101,8 +126,19 @@ mod tests {
         let a = noise(500, 20, 1);
         let values = a.values.iter().enumerate().map(|(i, v)| v + if i % 20 < 10 { 0.3 } else { 0.0 }).collect();
         let b = Points { dimensions: 20, values };
-        assert_eq!(distance(&a, &a, 3), 0.0);
+        let [a, b] = [a, b].map(|points| Sorted::new(&points, 3));
+        assert_eq!(distance(&a, &a), 0.0);
         let expected = 0.3 / 2f64.sqrt();
-        assert!((distance(&a, &b, 3) - expected).abs() < 1e-4, "{}", distance(&a, &b, 3));
+        assert!((distance(&a, &b) - expected).abs() < 1e-4, "{}", distance(&a, &b));
+    }
+
+    #[test]
+    fn what_differs_by_a_factor_alone_is_at_no_distance_once_scaled() {
+        let a = noise(500, 20, 1);
+        let b = Points { dimensions: 20, values: a.values.iter().map(|v| 3.0 * v).collect() };
+        let [a, b] = [a, b].map(|points| Sorted::new(&points, 3));
+        assert!((b.deviation() / a.deviation() - 3.0).abs() < 1e-6);
+        let scales = [&a, &b].map(|side| 1.0 / side.deviation());
+        assert!(distance(&a, &b) > 0.5 && scaled_distance(&a, &b, scales) < 1e-5);
     }
 }

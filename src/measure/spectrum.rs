@@ -1,5 +1,7 @@
 //! Power over time per frequency.
 
+use std::sync::Arc;
+
 use super::footage::Footage;
 use super::subject::Subject;
 use super::{Better, Measure};
@@ -22,12 +24,16 @@ pub const TEMPORAL_SPECTRUM_DISTANCE: Measure = Measure {
     compute: |subject: &Subject| {
         let (a, b) = (levels(subject.footage, subject.seed)?, levels(subject.reference?, subject.seed)?);
         let band = |(a, b): (&Vec<f32>, &Vec<f32>)| a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>();
-        Some(a.iter().zip(&b).map(band).sum::<f64>() / (BANDS * SAMPLES) as f64)
+        Some(a.iter().zip(b.iter()).map(band).sum::<f64>() / (BANDS * SAMPLES) as f64)
     },
 };
 
 /// Per band, the sorted powers of the sampled pixels in decibels; `None` when there are fewer frames than a window.
-fn levels(footage: &Footage, seed: u64) -> Option<Vec<Vec<f32>>> {
+fn levels(footage: &Footage, seed: u64) -> Option<Arc<Vec<Vec<f32>>>> {
+    footage.levels.get(seed, || sampled(footage, seed))
+}
+
+fn sampled(footage: &Footage, seed: u64) -> Option<Vec<Vec<f32>>> {
     let luma = footage.luma();
     let windows =
         if footage.loops() { luma.len().div_ceil(HOP) } else { (luma.len() + HOP).saturating_sub(WINDOW) / HOP };

@@ -10,3 +10,4 @@ mod page;
 pub mod plot;
 pub mod run;
 mod run_page;
+pub mod yardstick;

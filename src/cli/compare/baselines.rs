@@ -5,13 +5,14 @@ use std::path::Path;
 use super::rows::values;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
-use crate::measure::footage::LONG_SIDE;
+use crate::measure::footage::{LONG_SIDE, shrunk};
 use crate::measure::over_time::over_time;
 use crate::measure::read;
 use crate::measure::{Footage, Subject, all};
 use crate::raster::image::Rgb8;
 use crate::raster::resample::resize_rgb8;
 use crate::report::comparison::Row;
+use crate::report::yardstick::Yardstick;
 use crate::scene::file::SceneFile;
 use crate::scene::scene::Scene;
 use crate::video::sink::{self, FrameRate, SinkOptions};
@@ -45,12 +46,21 @@ fn write<'a>(video: &Path, frames: impl Iterator<Item = &'a Rgb8>, fps: f32, obs
 ///
 /// # Errors
 /// A clip that cannot be read, or is too short; a cancel.
-pub fn real(row: Row, file: &SceneFile, video: &Path, observer: &dyn Observer) -> Result<Row> {
-    let scene = Scene::new(file.clone())?;
-    let path = file.reference.as_deref().unwrap_or(Path::new(""));
-    let (fps, length) = (scene.settings().output.fps, scene.settings().output.length());
-    let frames = read::reference(path, fps, LONG_SIDE, observer)?;
-    let (width, height) = scene.frame_map().output;
+pub fn real(
+    row: Row,
+    fps: f32,
+    length: usize,
+    video: &Path,
+    yardstick: &Yardstick,
+    observer: &dyn Observer,
+) -> Result<Row> {
+    let Some(still) = yardstick.still() else { return Ok(row) };
+    let (width, height) = still.map.output;
+    // As the other videos are measured, so that the clip is read once.
+    let measured = shrunk((width.next_multiple_of(2), height.next_multiple_of(2)), LONG_SIDE);
+    let fitted = yardstick.fitted(measured, fps, observer)?;
+    let Some((path, clip)) = &fitted.reference else { return Ok(row) };
+    let frames = clip.frames();
     // The scene's size and matte are right for a clip of the same camera only.
     let same = frames[0].width * height == frames[0].height * width;
     let (w, h) = if same { (width, height) } else { (frames[0].width, frames[0].height) };
@@ -61,7 +71,6 @@ pub fn real(row: Row, file: &SceneFile, video: &Path, observer: &dyn Observer) -
         return Err(Error::file(Kind::Unusable, path, format!("it has {} frames at {fps} a second", frames.len()))
             .allowed(format!("at least {} to measure one half against the other", 2 * read::MIN_REFERENCE)));
     }
-    let still = scene.still(observer)?;
     let matte = same.then_some(&still.matte);
     let (first, second) = frames.split_at(half);
     let footage = Footage::new(second[..half].to_vec(), fps, false, matte)?;

@@ -1,5 +1,6 @@
 //! What a comparison makes: every scene with every method, and every value of a sweep.
 
+use std::cell::OnceCell;
 use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -7,7 +8,10 @@ use std::path::{Path, PathBuf};
 use super::Compare;
 use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
+use crate::base::observe::Observer;
+use crate::cli::measure::bare;
 use crate::report::comparison::{SceneRows, Sort};
+use crate::report::yardstick::{Reference, Yardstick};
 use crate::scene::file::{SceneFile, set};
 use crate::scene::scene::{self, SCENE_FILE, Scene};
 use crate::synth::{self, REGISTRY};
@@ -36,6 +40,8 @@ pub struct PlannedScene {
     shape: ((usize, usize), f32, usize),
     /// The rows.
     pub cells: Vec<Cell>,
+    /// What the rows are measured against, once one is measured.
+    yardstick: OnceCell<Yardstick>,
 }
 
 /// A row to make.
@@ -80,7 +86,7 @@ impl Plan {
             };
             let methods: Vec<&String> = methods.iter().filter(serves).collect();
             let cells = cells(&file, &scene, &methods, &sweeps)?;
-            Ok(PlannedScene { name, file, shape, cells })
+            Ok(PlannedScene { name, file, shape, cells, yardstick: OnceCell::new() })
         };
         let scenes = arguments.scenes.iter().map(&mut planned).collect::<Result<_>>()?;
         Ok(Self { scenes, methods, sweep: arguments.sweep.clone(), set: arguments.set.clone() })
@@ -116,6 +122,29 @@ impl Plan {
 }
 
 impl PlannedScene {
+    /// Frames per second.
+    pub fn fps(&self) -> f32 {
+        self.shape.1
+    }
+
+    /// Frames of each video.
+    pub fn frames(&self) -> usize {
+        self.shape.2
+    }
+
+    /// What its rows are measured against.
+    ///
+    /// # Errors
+    /// A scene that cannot be read; a cancel.
+    pub fn yardstick(&self, observer: &dyn Observer) -> Result<&Yardstick> {
+        if let Some(read) = self.yardstick.get() {
+            return Ok(read);
+        }
+        let scene = Scene::new(bare(self.file.clone()))?;
+        let read = Yardstick::read(Some(scene), Reference::default(), observer)?;
+        Ok(self.yardstick.get_or_init(|| read))
+    }
+
     /// Its place on the page, before anything is made.
     pub fn empty(&self) -> SceneRows {
         let (size, fps, frames) = self.shape;

@@ -8,13 +8,11 @@ use super::{baselines, kept};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::cli::animate::animate;
-use crate::cli::measure::bare;
 use crate::measure::Value;
 use crate::measure::over_time::over_time;
 use crate::report::comparison::{Row, SceneRows, Sort};
 use crate::report::measuring::{Measuring, Request};
-use crate::scene::scene::Scene;
-use crate::synth::record::RunRecord;
+use crate::report::yardstick::Yardstick;
 
 /// Pictures of a run's folder that explain its scene.
 const PICTURES: [(&str, &str); 3] = [
@@ -69,29 +67,29 @@ fn failed(empty: Row, called: &str, error: &Error, observer: &dyn Observer) -> R
 }
 
 fn make(folder: &Path, scene: &PlannedScene, cell: &Cell, observer: &dyn Observer) -> Result<Row> {
+    let yardstick = scene.yardstick(observer)?;
     let video = folder.join(format!("{}.mp4", cell.stem));
     let empty = Row { name: cell.name.clone(), sort: cell.sort, ..Row::default() };
+    let fps = Some(scene.fps());
     let address = |end: &str| Some(format!("{}/{}{end}", scene.name, cell.stem));
     let row = match cell.sort {
         Sort::Frozen => {
             baselines::frozen(&cell.file, &video, observer)?;
-            measured(empty, &video, cell, None, observer)?
+            measured(empty, &Request { loops: true, fps, ..Request::new(&video) }, yardstick, observer)?
         }
-        Sort::Real => baselines::real(empty, &cell.file, &video, observer)?,
+        Sort::Real => baselines::real(empty, scene.fps(), scene.frames(), &video, yardstick, observer)?,
         Sort::Method => {
             let record = animate(cell.file.clone(), &video, Some(&folder.join(&cell.stem)), observer)?;
             let row = Row { seconds: Some(record.seconds), page: address("/index.html"), ..empty };
-            measured(row, &video, cell, Some(&record), observer)?
+            measured(row, &Request { record: Some(&record), fps, ..Request::new(&video) }, yardstick, observer)?
         }
     };
     Ok(Row { video: address(".mp4"), ..row })
 }
 
 /// A row with its figures: those that `enliven measure` prints, and those over time.
-fn measured(row: Row, video: &Path, cell: &Cell, record: Option<&RunRecord>, observer: &dyn Observer) -> Result<Row> {
-    let scene = Scene::new(bare(cell.file.clone()))?;
-    let request = Request { scene: Some(&scene), record, loops: scene.settings().loops(), ..Request::new(video) };
-    let measuring = Measuring::read(&request, observer)?;
+fn measured(row: Row, request: &Request, yardstick: &Yardstick, observer: &dyn Observer) -> Result<Row> {
+    let measuring = Measuring::read(request, yardstick, observer)?;
     let values = values(&measuring.values(observer)?);
     Ok(Row { values, series: over_time(&measuring.subject()), ..row })
 }
