@@ -74,6 +74,10 @@ fn all_methods_stand_beside_each_other_and_what_fails_is_told() {
         let failed = scene.rows[3].failed.as_ref().unwrap();
         assert!(failed.contains("library") && scene.rows[3].video.is_none(), "{failed}");
         assert!(scene.rows[0].values["warp error"] < scene.rows[1].values["warp error"]);
+        let pictures: Vec<&str> = scene.pictures.iter().map(|(file, _)| file.rsplit('/').next().unwrap()).collect();
+        assert_eq!(pictures, ["picture.png", "matte.png", "motion.png"]);
+        assert!(scene.pictures.iter().all(|(file, caption)| out.join(file).exists() && !caption.is_empty()));
+        assert!(out.join(scene.rows[2].motion.as_ref().unwrap()).exists());
     }
     let page = fs::read_to_string(out.join("index.html")).unwrap();
     assert!(page.contains("Not made") && page.contains("src=\"right/kwatra.mp4\"") && page.contains(&found.command));
@@ -135,6 +139,73 @@ fn a_designed_target_is_compared_by_the_methods_that_take_one() {
     let rows = results(&folder.path().join("out")).scenes.remove(0).rows;
     assert_eq!(names(&rows), ["lazyfluids", "kwatra"]);
     assert!(rows.iter().all(|row| row.failed.is_none() && row.values.contains_key("direction error")), "{rows:?}");
+    for name in ["alpha", "motion", "exemplar"] {
+        assert!(folder.path().join(format!("out/sim/pictures/{name}.png")).exists(), "{name}");
+    }
+}
+
+#[test]
+fn a_scene_is_shown_where_no_method_can_be_run() {
+    let folder = studio();
+    succeed(folder.path(), "down.toml --methods database -o out");
+    let scene = results(&folder.path().join("out")).scenes.remove(0);
+    assert!(scene.rows[2].failed.is_some() && scene.pictures.len() == 3, "{:?}", scene.pictures);
+    // A picture that turns out to be damaged is told, and the comparison goes on.
+    let mut damaged = fs::read(folder.path().join("matte.png")).unwrap();
+    damaged.truncate(damaged.len() / 2);
+    fs::write(folder.path().join("matte.png"), damaged).unwrap();
+    let told = succeed(folder.path(), "down.toml --methods advect -o damaged");
+    let scene = results(&folder.path().join("damaged")).scenes.remove(0);
+    assert!(told.contains("down: ") && told.contains("matte.png"), "{told}");
+    assert!(scene.pictures.is_empty() && scene.rows.iter().all(|row| row.failed.is_some()), "{scene:?}");
+}
+
+#[cfg(unix)]
+mod interrupted {
+    use std::io::{BufRead, BufReader};
+    use std::process::Stdio;
+
+    use super::*;
+
+    /// Runs a comparison, and stops it as Ctrl-C does as soon as it says `at`.
+    fn stopped(folder: &Path, line: &str, at: &str) -> (Option<i32>, String) {
+        let mut child = std::process::Command::new(assert_cmd::cargo::cargo_bin("enliven"));
+        let child = child.current_dir(folder).env("PATH", "").arg("compare").args(line.split_whitespace());
+        let mut child = child.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+        let mut said = String::new();
+        for line in BufReader::new(child.stderr.take().unwrap()).lines() {
+            let line = line.unwrap();
+            if line.contains(at) {
+                let kill = format!("kill -INT {}", child.id());
+                assert!(std::process::Command::new("/bin/sh").args(["-c", &kill]).status().unwrap().success());
+            }
+            said += &(line + "\n");
+        }
+        (child.wait().unwrap().code(), said)
+    }
+
+    #[test]
+    fn what_is_finished_stays_and_the_next_run_goes_on() {
+        let folder = studio();
+        let line = "down.toml --methods kwatra,lazyfluids,advect --frames 60 -o out";
+        let (code, said) = stopped(folder.path(), line, "[3/4");
+        assert_eq!(code, Some(130), "{said}");
+        assert!(said.contains("2 of 4 videos are finished"), "{said}");
+        assert!(said.ends_with("interrupted: nothing was left half-written; run the same command again to go on\n"));
+        let out = folder.path().join("out");
+        let rows = results(&out).scenes.remove(0).rows;
+        assert_eq!(names(&rows), ["frozen", "kwatra", "lazyfluids", "advect"]);
+        assert_eq!(rows.iter().map(Row::is_to_make).collect::<Vec<_>>(), [false, false, true, true]);
+        let page = fs::read_to_string(out.join("index.html")).unwrap();
+        assert!(page.contains("2 videos still to be made") && page.trim_end().ends_with("</html>"));
+        assert!(!out.join("down/lazyfluids.mp4").exists());
+
+        let again = succeed(folder.path(), line);
+        assert_eq!(again.matches("kept, nothing has changed").count(), 2, "{again}");
+        assert!(again.contains("[3/4] down, lazyfluids:") && again.contains("down, advect:"), "{again}");
+        assert_eq!(results(&out).to_make(), 0);
+        assert!(!fs::read_to_string(out.join("index.html")).unwrap().contains("to be made"));
+    }
 }
 
 #[test]

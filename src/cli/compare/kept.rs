@@ -76,6 +76,18 @@ pub fn load(folder: &Path, stem: &str) -> Option<Row> {
     serde_json::from_str(&text).ok()
 }
 
+/// Takes back that a row was made, before its video is replaced.
+///
+/// # Errors
+/// A folder that cannot be written to.
+pub fn forget(folder: &Path, stem: &str) -> Result<()> {
+    let path = path(folder, stem);
+    match fs::remove_file(&path) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => Err(Error::io(&path, "replace", e)),
+        _ => Ok(()),
+    }
+}
+
 /// Writes a row down.
 ///
 /// # Errors

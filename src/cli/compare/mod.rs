@@ -2,17 +2,21 @@
 
 mod baselines;
 mod kept;
+mod pictures;
 mod plan;
+mod progress;
 mod rows;
 
 use std::fs::{File, TryLockError};
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use crate::base::error::{Error, Kind, Result};
-use crate::base::observe::Observer;
+use crate::base::observe::{self, Observer, Once};
 use crate::cli::common::{counted, say};
 use crate::report::comparison::Comparison;
-use plan::Plan;
+use plan::{Plan, PlannedScene};
+use progress::Progress;
 
 /// Compare methods on scenes: videos that play in step, measures and plots on one page.
 #[derive(Debug, Clone, clap::Args)]
@@ -66,28 +70,63 @@ impl Compare {
         std::fs::create_dir_all(&self.output).map_err(|e| Error::io(&self.output, "make the folder", e))?;
         let _lock = lock(&self.output)?;
         plan.write_scenes(&self.output)?;
-        let mut comparison = Comparison { program: kept::program()?, command: plan.command(), scenes: Vec::new() };
-        let mut failed = 0;
-        for scene in &plan.scenes {
-            let at = comparison.scenes.len();
-            comparison.scenes.push(scene.empty());
-            for cell in &scene.cells {
-                let row = rows::row(&self.output, scene, cell, observer)?;
-                failed += u64::from(row.failed.is_some());
-                let shown = &mut comparison.scenes[at];
-                shown.rows.push(row);
-                rows::add_pictures(shown, &self.output);
-                comparison.write(&self.output)?;
+        let scenes = plan.scenes.iter().map(PlannedScene::empty).collect();
+        let mut comparison = Comparison { program: kept::program()?, command: plan.command(), scenes };
+        let outcome = self.make(&plan, &mut comparison, observer);
+        let (all, missing) = (plan.cells().count(), comparison.to_make());
+        outcome.map_err(|error| match error.kind() {
+            Kind::Interrupted => {
+                observer.note(&format!("{} of {all} videos are finished", all - missing));
+                error.remedy("run the same command again to go on")
+            }
+            _ => error,
+        })?;
+        say!("{}: {}", self.output.join("index.html").display(), summary(&comparison));
+        Ok(())
+    }
+
+    /// Takes up what is finished, makes the rest, and writes the page after every row.
+    fn make(&self, plan: &Plan, comparison: &mut Comparison, observer: &dyn Observer) -> Result<()> {
+        // What is true of a scene is said once, not with every row.
+        let listeners: Vec<Once> = plan.scenes.iter().map(|_| Once::new(observer)).collect();
+        let mut to_make = Vec::new();
+        for (s, c) in plan.cells() {
+            observe::check(observer)?;
+            let (scene, cell) = (&plan.scenes[s], &plan.scenes[s].cells[c]);
+            let mut found = rows::look(&self.output.join(&scene.name), cell);
+            match found.kept.take() {
+                Some(row) => {
+                    observer.note(&format!("{}, {}: kept, nothing has changed", scene.name, cell.name));
+                    comparison.scenes[s].rows[c] = row;
+                }
+                None => to_make.push((s, c, found)),
             }
         }
-        say!("{}: {}", self.output.join("index.html").display(), summary(&plan, failed));
+        for (scene, shown) in plan.scenes.iter().zip(&mut comparison.scenes) {
+            observe::check(observer)?;
+            shown.pictures = pictures::write(scene, &self.output, observer)?;
+        }
+        comparison.write(&self.output)?;
+        let rest = to_make.iter().map(|&(s, c, _)| progress::Task::new(&plan.scenes[s], &plan.scenes[s].cells[c]));
+        let mut progress = Progress::new(plan.cells().count(), rest.collect());
+        for (s, c, found) in to_make {
+            observe::check(observer)?;
+            let (scene, cell) = (&plan.scenes[s], &plan.scenes[s].cells[c]);
+            let called = format!("{} {}, {}", progress.place(), scene.name, cell.name);
+            let start = Instant::now();
+            comparison.scenes[s].rows[c] = rows::row(&self.output, scene, (cell, found), &called, &listeners[s])?;
+            progress.done(start.elapsed().as_secs_f64());
+            comparison.write(&self.output)?;
+        }
         Ok(())
     }
 }
 
-fn summary(plan: &Plan, failed: u64) -> String {
-    let videos: usize = plan.scenes.iter().map(|scene| scene.cells.len()).sum();
-    let (scenes, videos) = (counted(plan.scenes.len() as u64, "scene"), counted(videos as u64 - failed, "video"));
+fn summary(comparison: &Comparison) -> String {
+    let rows = || comparison.scenes.iter().flat_map(|scene| &scene.rows);
+    let made = rows().filter(|row| row.is_made()).count();
+    let failed = rows().count() - made;
+    let (scenes, videos) = (counted(comparison.scenes.len() as u64, "scene"), counted(made as u64, "video"));
     if failed == 0 {
         format!("{scenes}, {videos}")
     } else {

@@ -10,7 +10,7 @@ use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::cli::measure::bare;
-use crate::report::comparison::{SceneRows, Sort};
+use crate::report::comparison::{Row, SceneRows, Sort};
 use crate::report::yardstick::{Reference, Yardstick};
 use crate::scene::file::{SceneFile, set};
 use crate::scene::scene::{self, SCENE_FILE, Scene};
@@ -38,6 +38,8 @@ pub struct PlannedScene {
     pub file: SceneFile,
     /// Size, rate and number of frames.
     shape: ((usize, usize), f32, usize),
+    /// Pixels of all working images, which the time that a method takes is roughly proportional to.
+    pub effort: f64,
     /// The rows.
     pub cells: Vec<Cell>,
     /// What the rows are measured against, once one is measured.
@@ -54,6 +56,10 @@ pub struct Cell {
     pub sort: Sort,
     /// The scene with the method and its options.
     pub file: SceneFile,
+    /// What a sweep sets: options and their values.
+    pub point: Vec<(String, String)>,
+    /// Whether it was not asked for.
+    pub baseline: bool,
 }
 
 /// An option and the values to try.
@@ -78,6 +84,8 @@ impl Plan {
             let scene = Scene::new(file.clone()).map_err(|error| error.within(path))?;
             let output = scene.settings().output;
             let shape = (scene.frame_map().output, output.fps, output.length());
+            let (width, height) = scene.frame_map().working;
+            let effort = (width * height * output.length()) as f64;
             let name = unused(&name_of(path), &mut names);
             // Without a wish a designed target is made by the methods that take one.
             let serves = |name: &&String| {
@@ -86,7 +94,7 @@ impl Plan {
             };
             let methods: Vec<&String> = methods.iter().filter(serves).collect();
             let cells = cells(&file, &scene, &methods, &sweeps)?;
-            Ok(PlannedScene { name, file, shape, cells, yardstick: OnceCell::new() })
+            Ok(PlannedScene { name, file, shape, effort, cells, yardstick: OnceCell::new() })
         };
         let scenes = arguments.scenes.iter().map(&mut planned).collect::<Result<_>>()?;
         Ok(Self { scenes, methods, sweep: arguments.sweep.clone(), set: arguments.set.clone() })
@@ -103,6 +111,11 @@ impl Plan {
             let text = Scene::new(planned.file.clone())?.to_toml(&folder)?;
             atomic_file::write(&folder.join(format!("{}.toml", planned.name)), text.as_bytes())
         })
+    }
+
+    /// All rows: numbers of the scene, and of the row in it.
+    pub fn cells(&self) -> impl Iterator<Item = (usize, usize)> {
+        self.scenes.iter().enumerate().flat_map(|(s, scene)| (0..scene.cells.len()).map(move |c| (s, c)))
     }
 
     /// What repeats the comparison in its own folder.
@@ -148,7 +161,8 @@ impl PlannedScene {
     /// Its place on the page, before anything is made.
     pub fn empty(&self) -> SceneRows {
         let (size, fps, frames) = self.shape;
-        SceneRows { name: self.name.clone(), frames, fps, size, ..SceneRows::default() }
+        let rows = self.cells.iter().map(Cell::empty).collect();
+        SceneRows { name: self.name.clone(), frames, fps, size, rows, ..SceneRows::default() }
     }
 }
 
@@ -209,7 +223,10 @@ impl Sweep {
 
 /// What gives meaning to the numbers, then the methods with every combination of swept values.
 fn cells(file: &SceneFile, scene: &Scene, methods: &[&String], sweeps: &[Sweep]) -> Result<Vec<Cell>> {
-    let still = |sort: Sort, name: &str| Cell { name: name.into(), stem: name.into(), sort, file: file.clone() };
+    let still = |sort: Sort, name: &str| {
+        let (file, point) = (file.clone(), Vec::new());
+        Cell { name: name.into(), stem: name.into(), sort, file, point, baseline: true }
+    };
     let mut cells = Vec::new();
     if scene.designed().is_none() {
         cells.push(still(Sort::Frozen, "frozen"));
@@ -218,12 +235,13 @@ fn cells(file: &SceneFile, scene: &Scene, methods: &[&String], sweeps: &[Sweep])
         cells.push(still(Sort::Real, "real"));
     }
     // It is shown beside any others, where it can do anything.
-    let plain = !methods.iter().any(|name| *name == PLAIN) && scene.designed().is_none();
-    let plain = plain.then(|| PLAIN.to_owned());
-    for method in plain.iter().chain(methods.iter().copied()) {
-        cells.extend(
-            points(method, sweeps).into_iter().map(|point| cell(file, method, &point)).collect::<Result<Vec<_>>>()?,
-        );
+    if !methods.iter().any(|name| *name == PLAIN) && scene.designed().is_none() {
+        cells.push(Cell { baseline: true, ..cell(file, PLAIN, &[])? });
+    }
+    for method in methods {
+        for point in points(method, sweeps) {
+            cells.push(cell(file, method, &point)?);
+        }
     }
     Ok(cells)
 }
@@ -254,7 +272,8 @@ fn cell(file: &SceneFile, method: &str, point: &[(&str, &str)]) -> Result<Cell> 
         let _ = write!(name, " {key}={value}");
     }
     synth::check_options(&file.options)?;
-    Ok(Cell { stem: plain(&name), name, sort: Sort::Method, file })
+    let point = point.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
+    Ok(Cell { stem: plain(&name), name, sort: Sort::Method, file, point, baseline: false })
 }
 
 /// What a scene is called: its folder, or its file without extension.
@@ -287,6 +306,13 @@ fn quoted(word: &str) -> String {
 }
 
 impl Cell {
+    /// Its row, before it is made.
+    pub fn empty(&self) -> Row {
+        let Self { name, sort, file, point, baseline, .. } = self;
+        let method = file.method.clone().unwrap_or_default();
+        Row { name: name.clone(), sort: *sort, method, point: point.clone(), baseline: *baseline, ..Row::default() }
+    }
+
     /// The scene with every option that counts, defaults included, and no others.
     ///
     /// # Errors

@@ -10,66 +10,83 @@ use crate::base::observe::Observer;
 use crate::cli::animate::animate;
 use crate::measure::Value;
 use crate::measure::over_time::over_time;
-use crate::report::comparison::{Row, SceneRows, Sort};
+use crate::report::comparison::{Row, Sort};
 use crate::report::measuring::{Measuring, Request};
 use crate::report::yardstick::Yardstick;
 
-/// Pictures of a run's folder that explain its scene.
-const PICTURES: [(&str, &str); 3] = [
-    ("motion.png", "Motion: red right, yellow-green down, cyan left, violet up; white is still."),
-    ("exemplar.png", "What the looks are borrowed from."),
-    ("asked-orientation.png", "Direction asked for."),
-];
+/// What is known of a row before it is made.
+pub struct Found {
+    /// The row as it was made before, where nothing that it is made from has changed.
+    pub kept: Option<Row>,
+    /// Why it is made again; empty where it was never made.
+    again: String,
+    made_from: Result<BTreeMap<String, String>>,
+}
 
-/// A row as it was made before, where nothing changed; else it is made now. What fails is told in the row.
+/// Looks whether a row in its scene's `folder` still holds.
+pub fn look(folder: &Path, cell: &Cell) -> Found {
+    let made_from = kept::ingredients(cell);
+    let before = kept::load(folder, &cell.stem);
+    let (kept, again) = match (&made_from, before) {
+        (Ok(now), Some(before)) => {
+            let changes = kept::changes(&before.made_from, now);
+            if !changes.is_empty() {
+                (None, format!(" made again, changed: {}", changes.join(", ")))
+            } else if !folder.join(format!("{}.mp4", cell.stem)).exists() {
+                (None, " made again, its video is gone".into())
+            } else {
+                let Row { name, sort, method, point, baseline, .. } = cell.empty();
+                (Some(Row { name, sort, method, point, baseline, ..before }), String::new())
+            }
+        }
+        _ => (None, String::new()),
+    };
+    Found { kept, again, made_from }
+}
+
+/// Makes a row, `called` so when people are told of it. What fails is told in the row.
 ///
 /// # Errors
 /// A full disk; an interruption.
-pub fn row(output: &Path, scene: &PlannedScene, cell: &Cell, observer: &dyn Observer) -> Result<Row> {
+pub fn row(
+    output: &Path,
+    scene: &PlannedScene,
+    (cell, found): (&Cell, Found),
+    called: &str,
+    observer: &dyn Observer,
+) -> Result<Row> {
+    observer.note(&format!("{called}:{}", found.again));
     let folder = output.join(&scene.name);
-    std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
-    let called = format!("{}, {}", scene.name, cell.name);
-    let empty = Row { name: cell.name.clone(), sort: cell.sort, ..Row::default() };
-    let made_from = match kept::ingredients(cell) {
-        Ok(made_from) => made_from,
-        Err(error) => return failed(empty, &called, &error, observer),
-    };
-    if let Some(before) = kept::load(&folder, &cell.stem) {
-        let changes = kept::changes(&before.made_from, &made_from);
-        let there = folder.join(format!("{}.mp4", cell.stem)).exists();
-        match (changes.is_empty(), there) {
-            (true, true) => {
-                observer.note(&format!("{called}: kept, nothing has changed"));
-                return Ok(before);
-            }
-            (true, false) => observer.note(&format!("{called}: made again, its video is gone")),
-            (false, _) => observer.note(&format!("{called}: made again, changed: {}", changes.join(", "))),
-        }
-    } else {
-        observer.note(&format!("{called}:"));
-    }
-    match make(&folder, scene, cell, observer) {
-        Ok(made) => {
-            let row = Row { made_from, ..made };
+    let made = found.made_from.and_then(|made_from| {
+        std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
+        kept::forget(&folder, &cell.stem)?;
+        Ok(Row { made_from, ..make(&folder, scene, cell, observer)? })
+    });
+    match made {
+        Ok(row) => {
             kept::save(&row, &folder, &cell.stem)?;
             Ok(row)
         }
-        Err(error) => failed(empty, &called, &error, observer),
+        Err(error) if ends_all(&error) => Err(error),
+        Err(error) => {
+            observer.note(&format!("{called}: {error}"));
+            Ok(Row { failed: Some(error.to_string()), ..cell.empty() })
+        }
     }
 }
 
-fn failed(empty: Row, called: &str, error: &Error, observer: &dyn Observer) -> Result<Row> {
-    if error.kind() == Kind::Interrupted {
-        return Err(Error::interrupted());
-    }
-    observer.note(&format!("{called}: {error}"));
-    Ok(Row { failed: Some(error.to_string()), ..empty })
+/// Whether no other row could be made either: the user has stopped it, or nothing can be written any more.
+fn ends_all(error: &Error) -> bool {
+    use std::io::ErrorKind::{QuotaExceeded, ReadOnlyFilesystem, StorageFull};
+    let cause = std::error::Error::source(error).and_then(|cause| cause.downcast_ref::<std::io::Error>());
+    let unwritable = cause.is_some_and(|e| [StorageFull, QuotaExceeded, ReadOnlyFilesystem].contains(&e.kind()));
+    unwritable || error.kind() == Kind::Interrupted
 }
 
 fn make(folder: &Path, scene: &PlannedScene, cell: &Cell, observer: &dyn Observer) -> Result<Row> {
     let yardstick = scene.yardstick(observer)?;
     let video = folder.join(format!("{}.mp4", cell.stem));
-    let empty = Row { name: cell.name.clone(), sort: cell.sort, ..Row::default() };
+    let empty = cell.empty();
     let fps = Some(scene.fps());
     let address = |end: &str| Some(format!("{}/{}{end}", scene.name, cell.stem));
     let row = match cell.sort {
@@ -79,8 +96,10 @@ fn make(folder: &Path, scene: &PlannedScene, cell: &Cell, observer: &dyn Observe
         }
         Sort::Real => baselines::real(empty, scene.fps(), scene.frames(), &video, yardstick, observer)?,
         Sort::Method => {
-            let record = animate(cell.file.clone(), &video, Some(&folder.join(&cell.stem)), observer)?;
-            let row = Row { seconds: Some(record.seconds), page: address("/index.html"), ..empty };
+            let report = folder.join(&cell.stem);
+            let record = animate(cell.file.clone(), &video, Some(&report), observer)?;
+            let motion = address("/motion.png").filter(|_| report.join("motion.png").exists());
+            let row = Row { seconds: Some(record.seconds), page: address("/index.html"), motion, ..empty };
             measured(row, &Request { record: Some(&record), fps, ..Request::new(&video) }, yardstick, observer)?
         }
     };
@@ -97,18 +116,4 @@ fn measured(row: Row, request: &Request, yardstick: &Yardstick, observer: &dyn O
 /// By name, without those that have no value.
 pub fn values(values: &[Value]) -> BTreeMap<String, f64> {
     values.iter().filter_map(|(measure, value)| Some((measure.name.to_owned(), (*value)?))).collect()
-}
-
-/// The pictures of the scene, from the first run that has each.
-pub fn add_pictures(scene: &mut SceneRows, output: &Path) {
-    let runs: Vec<String> = scene
-        .rows
-        .iter()
-        .filter_map(|row| row.page.as_deref()?.strip_suffix("/index.html").map(str::to_owned))
-        .collect();
-    let found = |&(file, caption): &(&str, &str)| {
-        let address = runs.iter().map(|run| format!("{run}/{file}")).find(|address| output.join(address).exists())?;
-        Some((address, caption.to_owned()))
-    };
-    scene.pictures = PICTURES.iter().filter_map(found).collect();
 }

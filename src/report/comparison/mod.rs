@@ -57,15 +57,24 @@ pub enum Sort {
 
 /// One video with its figures.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
 pub struct Row {
     /// Name within its scene: a method, with the options that a sweep sets.
     pub name: String,
     /// What it is.
     pub sort: Sort,
+    /// The method; empty where none was run.
+    pub method: String,
+    /// What a sweep sets: options of the method, and their values as they were written.
+    pub point: Vec<(String, String)>,
+    /// Whether it was not asked for, and stands there to give meaning to the numbers of others.
+    pub baseline: bool,
     /// The video, as seen from the page.
     pub video: Option<String>,
     /// The page of its run.
     pub page: Option<String>,
+    /// A picture of the motion that it aimed at, as seen from the page.
+    pub motion: Option<String>,
     /// Why there is no video.
     pub failed: Option<String>,
     /// Seconds that the method took.
@@ -74,6 +83,8 @@ pub struct Row {
     pub values: BTreeMap<String, f64>,
     /// Values over time.
     pub series: Vec<Series>,
+    /// Numbers of the frames in which a measure is worst, by its name.
+    pub worst: BTreeMap<String, usize>,
     /// What it was made from: it is made again when any of this changes.
     pub made_from: BTreeMap<String, String>,
 }
@@ -82,6 +93,16 @@ impl Row {
     /// A measure's value.
     pub fn value(&self, measure: &Measure) -> Option<f64> {
         self.values.get(measure.name).copied()
+    }
+
+    /// Whether there is a video.
+    pub fn is_made(&self) -> bool {
+        self.video.is_some()
+    }
+
+    /// Whether it still has to be tried.
+    pub fn is_to_make(&self) -> bool {
+        self.video.is_none() && self.failed.is_none()
     }
 }
 
@@ -93,7 +114,7 @@ impl SceneRows {
 
     /// The methods' rows that were made.
     fn methods(&self) -> impl Iterator<Item = &Row> {
-        self.rows.iter().filter(|row| row.sort == Sort::Method && row.failed.is_none())
+        self.rows.iter().filter(|row| row.sort == Sort::Method && row.is_made())
     }
 
     /// The best method by a measure; none where fewer than two have a value.
@@ -109,6 +130,11 @@ impl SceneRows {
 pub const FILES: [&str; 3] = ["index.html", "results.json", "results.csv"];
 
 impl Comparison {
+    /// How many rows still have to be tried.
+    pub fn to_make(&self) -> usize {
+        self.scenes.iter().flat_map(|scene| &scene.rows).filter(|row| row.is_to_make()).count()
+    }
+
     /// Writes the page and the tables into `folder`, which holds the videos.
     ///
     /// # Errors

@@ -26,6 +26,12 @@ pub fn page(comparison: &Comparison) -> Markup {
                 ". To repeat it, in this folder:"
             }
             pre { (comparison.command) }
+            @let missing = comparison.to_make();
+            @if missing > 0 {
+                p.unfinished role="status" {
+                    (counted(missing as u64, "video")) " still to be made: this page was written while the work was going on, or it was stopped. The same command goes on with it."
+                }
+            }
             p.keys {
                 "Space plays and pauses the scene in view, " kbd { "," } " and " kbd { "." } " step a frame; drag a zoomed video to move all of them."
             }
@@ -89,7 +95,7 @@ fn video(row: &Row) -> Markup {
                     video src=(address) muted playsinline preload="auto" aria-label=(row.name) {}
                 },
                 (None, Some(failed)) => p.failed { "Not made: " (failed) },
-                (None, None) => p.failed { "Not made" },
+                (None, None) => p.failed { "Still to be made." },
             }
             figcaption {
                 strong { (row.name) }
@@ -99,6 +105,7 @@ fn video(row: &Row) -> Markup {
                     Sort::Method => @if let Some(seconds) = row.seconds { " " (format!("{seconds:.1} s")) },
                 }
                 @if let Some(page) = &row.page { " · " a href=(page) { "run" } }
+                @if let Some(motion) = &row.motion { " · " a href=(motion) { "motion" } }
             }
         }
     }
@@ -144,7 +151,7 @@ fn arrow(better: Better) -> (&'static str, &'static str) {
 }
 
 fn table(scene: &SceneRows) -> Markup {
-    let rows: Vec<&Row> = scene.rows.iter().filter(|row| row.failed.is_none()).collect();
+    let rows: Vec<&Row> = scene.rows.iter().filter(|row| row.is_made()).collect();
     html! {
         div.scroll tabindex="0" role="region" aria-label=(format!("Measures of {}", scene.name)) {
             table {
