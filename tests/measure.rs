@@ -435,7 +435,9 @@ fn only_the_matte_counts() {
     let (a, b) = (measure_all(&with(&healthy), &known), measure_all(&with(&spoiled), &known));
     for ((measure, a), (_, b)) in a.iter().zip(&b) {
         let (a, b) = (a.unwrap(), b.unwrap());
-        assert!((a - b).abs() <= 0.02 * a.abs() + 1e-3, "{}: {a} {b}", measure.name);
+        // A thousandth of what is usual: one of most units, some tens of degrees.
+        let least = if measure.unit == "degrees" { 0.03 } else { 1e-3 };
+        assert!((a - b).abs() <= 0.02 * a.abs() + least, "{}: {a} {b}", measure.name);
     }
 }
 

@@ -1,5 +1,7 @@
 //! How colours are distributed.
 
+use std::sync::LazyLock;
+
 use super::footage::{Footage, spread};
 use super::subject::Subject;
 use super::{Better, Measure};
@@ -54,10 +56,13 @@ fn sorted(footage: &Footage, frame: Option<usize>, seed: u64) -> [Vec<f32>; 3] {
 
 /// CIE L*a*b* (D65) of an sRGB pixel.
 fn lab(rgb: [u8; 3]) -> [f32; 3] {
-    let [r, g, b] = rgb.map(|v| {
-        let v = f32::from(v) / 255.0;
-        if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+    static LINEAR: LazyLock<[f32; 256]> = LazyLock::new(|| {
+        std::array::from_fn(|v| {
+            let v = v as f32 / 255.0;
+            if v <= 0.040_45 { v / 12.92 } else { ((v + 0.055) / 1.055).powf(2.4) }
+        })
     });
+    let [r, g, b] = rgb.map(|v| LINEAR[usize::from(v)]);
     let x = (0.412_456_4 * r + 0.357_576_1 * g + 0.180_437_5 * b) / 0.950_47;
     let y = 0.212_672_9 * r + 0.715_152_2 * g + 0.072_175 * b;
     let z = (0.019_333_9 * r + 0.119_192 * g + 0.950_304_1 * b) / 1.088_83;

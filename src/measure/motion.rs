@@ -13,7 +13,7 @@ use crate::raster::resample::resize;
 /// Long side of the frames that motion is estimated on, pixels.
 const FLOW_SIDE: usize = 320;
 /// Pairs of consecutive frames that motion is estimated between, evenly spread.
-const PAIRS: usize = 60;
+const PAIRS: usize = 32;
 /// Speed below which a direction means nothing, pixels per frame.
 const STILL: f32 = 1e-3;
 
@@ -90,8 +90,12 @@ pub(super) fn pairs(footage: &Footage) -> Vec<Pair> {
         let (from, to) = (small(footage, frames.0), small(footage, frames.1));
         let mut solver = TvL1::new(width, height, Params::library());
         let (mut forward, mut backward) = (Field::default(), Field::default());
-        solver.flow(&from, &to, &mut forward);
-        solver.flow(&to, &from, &mut backward);
+        if from == to {
+            (forward, backward) = (Field::zeros(width, height), Field::zeros(width, height));
+        } else {
+            solver.flow(&from, &to, &mut forward);
+            solver.flow(&to, &from, &mut backward);
+        }
         let unexplained = unexplained([&from, &to], [&forward, &backward], &inside);
         Pair { frames, forward, unexplained }
     })

@@ -41,7 +41,7 @@ impl Sorted {
         par::for_each_chunk(&mut values, BLOCK * n, |block, out| {
             let rows = &basis[block * BLOCK * d..((block + 1) * BLOCK * d).min(d * d)];
             matmul::a_bt(rows.len() / d, n, d, rows, &points.values, out);
-            out.chunks_exact_mut(n).for_each(|row| row.sort_unstable_by(f32::total_cmp));
+            out.chunks_exact_mut(n).for_each(sort);
         });
         let power: f64 = points.values.iter().map(|v| f64::from(v * v)).sum();
         Self { count: n, values, deviation: (power / (d * n) as f64).sqrt() }
@@ -76,6 +76,15 @@ pub fn scaled_distance(a: &Sorted, b: &Sorted, scales: [f64; 2]) -> f64 {
     (sums.iter().sum::<f64>() / a.values.len() as f64).sqrt()
 }
 
+/// Sorts by [`f32::total_cmp`], through integers of the same order: they compare in a third of the time.
+fn sort(row: &mut [f32]) {
+    // Negative numbers have all bits but the sign turned; turned twice, they are themselves again.
+    let turned = |bits: i32| bits ^ ((bits >> 31) as u32 >> 1) as i32;
+    let mut keys: Vec<i32> = row.iter().map(|v| turned(v.to_bits() as i32)).collect();
+    keys.sort_unstable();
+    row.iter_mut().zip(keys).for_each(|(v, key)| *v = f32::from_bits(turned(key) as u32));
+}
+
 /// A random orthonormal basis of `d` dimensions, row by row: hashed normal numbers, made orthogonal (Gram & Schmidt,
 /// twice over against rounding).
 fn basis(d: usize, seed: u64) -> Vec<f32> {
@@ -108,6 +117,17 @@ mod tests {
     fn noise(n: usize, dimensions: usize, seed: u64) -> Points {
         let values = (0..n * dimensions).map(|i| rng::unit(rng::hash(seed, &[i as u64]))).collect();
         Points { dimensions, values }
+    }
+
+    #[test]
+    fn numbers_are_sorted_through_integers() {
+        let mut row: Vec<f32> = noise(1000, 1, 4).values.iter().map(|v| 1e3 * (v - 0.5)).collect();
+        row.extend([0.0, -0.0, f32::INFINITY, f32::NEG_INFINITY, f32::MIN_POSITIVE, -f32::MIN_POSITIVE]);
+        let mut expected = row.clone();
+        expected.sort_unstable_by(f32::total_cmp);
+        sort(&mut row);
+        let bits = |row: &[f32]| row.iter().map(|v| v.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(&row), bits(&expected));
     }
 
     #[test]

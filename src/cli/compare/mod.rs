@@ -66,6 +66,7 @@ impl Compare {
     /// Bad input, by name; another comparison at work in the folder; a full disk; an interruption. A method that fails
     /// on a scene is told on the page instead.
     pub fn run(&self, observer: &dyn Observer) -> Result<()> {
+        let start = Instant::now();
         let plan = Plan::new(self)?;
         std::fs::create_dir_all(&self.output).map_err(|e| Error::io(&self.output, "make the folder", e))?;
         let _lock = lock(&self.output)?;
@@ -74,7 +75,7 @@ impl Compare {
         let mut comparison = Comparison { program: kept::program()?, command: plan.command(), scenes };
         let outcome = self.make(&plan, &mut comparison, observer);
         let (all, missing) = (plan.cells().count(), comparison.to_make());
-        outcome.map_err(|error| match error.kind() {
+        let in_methods = outcome.map_err(|error| match error.kind() {
             Kind::Interrupted => {
                 observer.note(&format!("{} of {all} videos are finished", all - missing));
                 error.remedy("run the same command again to go on")
@@ -82,11 +83,19 @@ impl Compare {
             _ => error,
         })?;
         say!("{}: {}", self.output.join("index.html").display(), summary(&comparison));
+        if in_methods > 0.0 {
+            let around = start.elapsed().as_secs_f64() - in_methods;
+            observer.note(&format!(
+                "{in_methods:.1} s in methods; {around:.1} s ({:.0} %) to measure, and for what they are shown beside",
+                100.0 * around / in_methods
+            ));
+        }
         Ok(())
     }
 
-    /// Takes up what is finished, makes the rest, and writes the page after every row.
-    fn make(&self, plan: &Plan, comparison: &mut Comparison, observer: &dyn Observer) -> Result<()> {
+    /// Takes up what is finished, makes the rest, and writes the page after every row. Gives the seconds that the methods
+    /// took.
+    fn make(&self, plan: &Plan, comparison: &mut Comparison, observer: &dyn Observer) -> Result<f64> {
         // What is true of a scene is said once, not with every row.
         let listeners: Vec<Once> = plan.scenes.iter().map(|_| Once::new(observer)).collect();
         let mut to_make = Vec::new();
@@ -109,6 +118,7 @@ impl Compare {
         comparison.write(&self.output)?;
         let rest = to_make.iter().map(|&(s, c, _)| progress::Task::new(&plan.scenes[s], &plan.scenes[s].cells[c]));
         let mut progress = Progress::new(plan.cells().count(), rest.collect());
+        let mut in_methods = 0.0;
         for (s, c, found) in to_make {
             observe::check(observer)?;
             let (scene, cell) = (&plan.scenes[s], &plan.scenes[s].cells[c]);
@@ -116,9 +126,10 @@ impl Compare {
             let start = Instant::now();
             comparison.scenes[s].rows[c] = rows::row(&self.output, scene, (cell, found), &called, &listeners[s])?;
             progress.done(start.elapsed().as_secs_f64());
+            in_methods += comparison.scenes[s].rows[c].seconds.unwrap_or(0.0);
             comparison.write(&self.output)?;
         }
-        Ok(())
+        Ok(in_methods)
     }
 }
 
