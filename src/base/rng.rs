@@ -27,6 +27,13 @@ pub fn below(hash: u64, n: u64) -> u64 {
     ((u128::from(hash) * u128::from(n)) >> 64) as u64
 }
 
+/// The numbers below `n` in an order by chance, each order equally likely (Fisher & Yates, by Durstenfeld 1964).
+pub fn shuffled(seed: u64, n: usize) -> Vec<usize> {
+    let mut order: Vec<usize> = (0..n).collect();
+    (1..n).rev().for_each(|i| order.swap(i, below(hash(seed, &[i as u64]), i as u64 + 1) as usize));
+    order
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -43,5 +50,19 @@ mod tests {
         let mut seen = [false; 7];
         (0..200).for_each(|i| seen[below(hash(1, &[i]), 7) as usize] = true);
         assert_eq!(seen, [true; 7]);
+    }
+
+    #[test]
+    fn shuffling_keeps_every_number_and_reaches_every_order() {
+        let mut orders = std::collections::BTreeSet::new();
+        for seed in 0..200 {
+            let order = shuffled(seed, 4);
+            let mut sorted = order.clone();
+            sorted.sort_unstable();
+            assert_eq!(sorted, [0, 1, 2, 3]);
+            orders.insert(order);
+        }
+        assert_eq!(orders.len(), 24);
+        assert!(shuffled(1, 0).is_empty());
     }
 }

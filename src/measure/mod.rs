@@ -11,6 +11,7 @@ mod motion;
 pub mod nodes;
 pub mod over_time;
 mod patches;
+pub mod preference;
 pub mod read;
 mod sharpness;
 mod sliced;

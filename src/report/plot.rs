@@ -92,6 +92,44 @@ pub fn bars(title: &str, unit: &str, values: &[(&str, f64)]) -> Markup {
     }
 }
 
+/// A value and the ends of its interval.
+pub struct Interval<'a> {
+    /// Whose it is.
+    pub name: &'a str,
+    /// The value.
+    pub value: f64,
+    /// Lower and upper end.
+    pub ends: (f64, f64),
+}
+
+/// Draws values as dots on lines from end to end of their intervals, one below the other, on one axis with a line at 0.
+pub fn intervals(title: &str, along: &str, values: &[Interval]) -> Markup {
+    let ends = || values.iter().flat_map(|v| [v.ends.0, v.ends.1]).filter(|v| v.is_finite()).chain([0.0]);
+    let (low, high) = (ends().fold(f64::MAX, f64::min), ends().fold(f64::MIN, f64::max));
+    let step = nice((high - low).max(1e-9) / 6.0);
+    let (start, end) = ((low / step).floor() * step, (high / step).ceil().max((low / step).floor() + 1.0) * step);
+    let [_, _, right, below] = MARGIN;
+    let bottom = BAR * values.len() as f64;
+    let x = |v: f64| NAMES + (v - start) / (end - start) * (WIDTH - NAMES - right);
+    html! {
+        svg viewBox=(format!("0 0 {WIDTH} {}", bottom + below)) role="img" aria-label=(title) {
+            @for k in 0..=((end - start) / step).round() as usize {
+                @let at = start + k as f64 * step;
+                @let zero = at.abs() < step / 2.0;
+                line.(if zero { "zero" } else { "grid" }) x1=(px(x(at))) x2=(px(x(at))) y1="0" y2=(bottom) {}
+                text x=(px(x(at))) y=(bottom + 18.0) text-anchor="middle" { (number(at, step)) }
+            }
+            text x=(px((NAMES + WIDTH - right) / 2.0)) y=(bottom + below - 4.0) text-anchor="middle" { (along) }
+            @for (i, value) in values.iter().enumerate() {
+                @let middle = BAR * (i as f64 + 0.5);
+                text x=(NAMES - 8.0) y=(middle + 4.0) text-anchor="end" { (value.name) }
+                line.interval x1=(px(x(value.ends.0))) x2=(px(x(value.ends.1))) y1=(middle) y2=(middle) {}
+                circle.dot cx=(px(x(value.value))) cy=(middle) r="5" {}
+            }
+        }
+    }
+}
+
 fn px(v: f64) -> String {
     format!("{v:.1}")
 }
@@ -132,6 +170,11 @@ mod tests {
                     .into_string();
             assert!(svg.contains("<svg") && !svg.contains("NaN") && !svg.contains("inf"), "{values:?}: {svg}");
         }
+        for ends in [(0.0, 0.0), (-3.0, 1e9), (2.0, 2.5)] {
+            let svg = intervals("t", "s", &[Interval { name: "a", value: ends.0, ends }]).into_string();
+            assert!(svg.contains("circle") && svg.contains("class=\"zero\"") && !svg.contains("NaN"), "{svg}");
+        }
+        assert!(intervals("t", "s", &[]).into_string().contains("<svg"));
         assert!(bars("t", "s", &[]).into_string().contains("<svg"));
     }
 }

@@ -1,10 +1,12 @@
-//! The rows that give meaning to the numbers: the picture held still, and the real clip.
+//! The rows that give meaning to the numbers, and to votes: the picture held still, the real clip, shuffled frames.
 
 use std::path::Path;
 
+use super::plan::Cell;
 use super::rows::values;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
+use crate::base::rng;
 use crate::measure::footage::{LONG_SIDE, shrunk};
 use crate::measure::over_time::over_time;
 use crate::measure::read;
@@ -26,6 +28,27 @@ pub fn frozen(file: &SceneFile, video: &Path, observer: &dyn Observer) -> Result
     let picture = scene.still(observer)?.picture;
     let frames = std::iter::repeat_n(&picture, scene.settings().output.length());
     write(video, frames, scene.settings().output.fps, observer)
+}
+
+/// Writes the frames of the row that `cell` shuffles, whose video is in `folder`, in an order by chance, each once.
+///
+/// # Errors
+/// A row that was not made; a place that cannot be written to; a cancel.
+pub fn shuffled(cell: &Cell, folder: &Path, video: &Path, observer: &dyn Observer) -> Result<()> {
+    let Some(row) = &cell.shuffles else { return Ok(()) };
+    let from = folder.join(format!("{}.mp4", row.stem));
+    if !from.exists() {
+        return Err(Error::new(
+            Kind::Unusable,
+            "--plant shuffled",
+            format!("{} was not made, so there is nothing to shuffle", row.name),
+        )
+        .remedy("name another method first in --methods"));
+    }
+    let output = Scene::new(cell.file.clone())?.settings().output;
+    let frames = read::video(&from, usize::MAX, None, observer)?.frames;
+    let order = rng::shuffled(output.seed, frames.len());
+    write(video, order.iter().map(|&i| &frames[i]), output.fps, observer)
 }
 
 fn write<'a>(video: &Path, frames: impl Iterator<Item = &'a Rgb8>, fps: f32, observer: &dyn Observer) -> Result<()> {

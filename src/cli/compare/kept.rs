@@ -33,7 +33,8 @@ pub fn program() -> Result<String> {
 /// A scene that is not sound; inputs that cannot be read.
 pub fn ingredients(cell: &Cell) -> Result<BTreeMap<String, String>> {
     let mut all = BTreeMap::from([("the program".to_owned(), program()?)]);
-    let mut file = cell.settings()?;
+    // Shuffled frames change with the row that they are from.
+    let mut file = cell.shuffles.as_deref().unwrap_or(cell).settings()?;
     let mut read = Ok(());
     // A file counts by its content, wherever it lies.
     for_each_path(&mut file, |path| {

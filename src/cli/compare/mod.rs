@@ -1,6 +1,7 @@
 //! `enliven compare`: every method on every scene, in one folder with a page to look at.
 
 mod baselines;
+mod blind;
 mod kept;
 mod pictures;
 mod plan;
@@ -15,6 +16,7 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer, Once};
 use crate::cli::common::{counted, say};
 use crate::report::comparison::Comparison;
+use blind::Plant;
 use plan::{Plan, PlannedScene};
 use progress::Progress;
 
@@ -22,7 +24,7 @@ use progress::Progress;
 #[derive(Debug, Clone, clap::Args)]
 pub struct Compare {
     /// Scene files, folders with a scene.toml, folders of enliven simulate, or pictures
-    #[arg(required = true, value_name = "SCENE")]
+    #[arg(required_unless_present = "votes", value_name = "SCENE")]
     pub scenes: Vec<PathBuf>,
     /// Methods to compare [default: all]
     #[arg(long, value_name = "METHOD,…", value_delimiter = ',')]
@@ -51,10 +53,34 @@ pub struct Compare {
     /// An option of a method; may be given more than once
     #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
     pub set: Vec<String>,
+    /// Also make a page on which people choose between two unnamed videos, for a blind test
+    #[arg(long)]
+    pub blind: bool,
+    /// Bad videos in the blind test, to see whether votes mean anything [default: frozen]
+    #[arg(long, value_name = "BAD,…", value_delimiter = ',', requires = "blind")]
+    pub plant: Vec<Plant>,
+    /// Files of votes that the blind test's page saved: what they say is added to the comparison in DIR
+    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = MAKING)]
+    pub votes: Vec<PathBuf>,
     /// Folder to write to; what is finished there already is kept
     #[arg(short, long, value_name = "DIR")]
     pub output: PathBuf,
 }
+
+/// Options of making a comparison, which votes are read into without making it again.
+const MAKING: [&str; 11] = [
+    "scenes",
+    "methods",
+    "sweep",
+    "library",
+    "exemplar",
+    "exemplar_alpha",
+    "frames",
+    "working_size",
+    "seed",
+    "set",
+    "blind",
+];
 
 /// Locked while a comparison writes into its folder.
 const LOCK: &str = ".lock";
@@ -67,13 +93,23 @@ impl Compare {
     /// on a scene is told on the page instead.
     pub fn run(&self, observer: &dyn Observer) -> Result<()> {
         let start = Instant::now();
+        if !self.votes.is_empty() {
+            return blind::read_votes(&self.votes, &self.output, observer);
+        }
         let plan = Plan::new(self)?;
         std::fs::create_dir_all(&self.output).map_err(|e| Error::io(&self.output, "make the folder", e))?;
         let _lock = lock(&self.output)?;
         plan.write_scenes(&self.output)?;
         let scenes = plan.scenes.iter().map(PlannedScene::empty).collect();
-        let mut comparison = Comparison { program: kept::program()?, command: plan.command(), scenes };
+        let mut comparison = Comparison { program: kept::program()?, command: plan.command(), scenes, blind: None };
         let outcome = self.make(&plan, &mut comparison, observer);
+        let outcome = outcome.and_then(|in_methods| {
+            if self.blind {
+                blind::make(&comparison, &self.output, &plan.planted, observer)?;
+            }
+            Ok(in_methods)
+        });
+        let votes = blind::show_votes(&mut comparison, &self.output);
         let (all, missing) = (plan.cells().count(), comparison.to_make());
         let in_methods = outcome.map_err(|error| match error.kind() {
             Kind::Interrupted => {
@@ -82,6 +118,7 @@ impl Compare {
             }
             _ => error,
         })?;
+        votes?;
         say!("{}: {}", self.output.join("index.html").display(), summary(&comparison));
         if in_methods > 0.0 {
             let around = start.elapsed().as_secs_f64() - in_methods;

@@ -6,6 +6,7 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::Compare;
+use super::blind::Plant;
 use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
@@ -28,6 +29,9 @@ pub struct Plan {
     methods: Vec<String>,
     sweep: Vec<String>,
     set: Vec<String>,
+    blind: bool,
+    /// Bad videos that take part in the blind test.
+    pub planted: Vec<Plant>,
 }
 
 /// A scene and its rows.
@@ -47,6 +51,7 @@ pub struct PlannedScene {
 }
 
 /// A row to make.
+#[derive(Clone)]
 pub struct Cell {
     /// Name on the page.
     pub name: String,
@@ -60,6 +65,8 @@ pub struct Cell {
     pub point: Vec<(String, String)>,
     /// Whether it was not asked for.
     pub baseline: bool,
+    /// The row whose frames it shuffles.
+    pub shuffles: Option<Box<Cell>>,
 }
 
 /// An option and the values to try.
@@ -78,6 +85,7 @@ impl Plan {
     pub fn new(arguments: &Compare) -> Result<Self> {
         let methods = methods(&arguments.methods)?;
         let sweeps = arguments.sweep.iter().map(|text| Sweep::parse(text, &methods)).collect::<Result<Vec<_>>>()?;
+        let planted = if arguments.plant.is_empty() { vec![Plant::Frozen] } else { arguments.plant.clone() };
         let mut names = BTreeSet::new();
         let mut planned = |path: &PathBuf| -> Result<PlannedScene> {
             let file = arguments.scene(path)?;
@@ -93,11 +101,18 @@ impl Plan {
                 takes || scene.designed().is_none() || !arguments.methods.is_empty()
             };
             let methods: Vec<&String> = methods.iter().filter(serves).collect();
-            let cells = cells(&file, &scene, &methods, &sweeps)?;
+            let mut cells = cells(&file, &scene, &methods, &sweeps)?;
+            let first =
+                cells.iter().find(|cell| cell.sort == Sort::Method).filter(|_| planted.contains(&Plant::Shuffled));
+            if let Some(first) = first {
+                let shuffles = Some(Box::new(first.clone()));
+                cells.push(Cell { shuffles, ..baseline(&file, Sort::Shuffled, "shuffled") });
+            }
             Ok(PlannedScene { name, file, shape, effort, cells, yardstick: OnceCell::new() })
         };
         let scenes = arguments.scenes.iter().map(&mut planned).collect::<Result<_>>()?;
-        Ok(Self { scenes, methods, sweep: arguments.sweep.clone(), set: arguments.set.clone() })
+        let (sweep, set) = (arguments.sweep.clone(), arguments.set.clone());
+        Ok(Self { scenes, methods, sweep, set, blind: arguments.blind, planted })
     }
 
     /// Writes the scenes as they are run, for [`Plan::command`].
@@ -129,6 +144,10 @@ impl Plan {
             values.iter().for_each(|value| {
                 let _ = write!(command, " {flag} {}", quoted(value));
             });
+        }
+        if self.blind {
+            let planted: Vec<&str> = self.planted.iter().map(|plant| plant.word()).collect();
+            let _ = write!(command, " --blind --plant {}", planted.join(","));
         }
         command + " -o ."
     }
@@ -223,16 +242,12 @@ impl Sweep {
 
 /// What gives meaning to the numbers, then the methods with every combination of swept values.
 fn cells(file: &SceneFile, scene: &Scene, methods: &[&String], sweeps: &[Sweep]) -> Result<Vec<Cell>> {
-    let still = |sort: Sort, name: &str| {
-        let (file, point) = (file.clone(), Vec::new());
-        Cell { name: name.into(), stem: name.into(), sort, file, point, baseline: true }
-    };
     let mut cells = Vec::new();
     if scene.designed().is_none() {
-        cells.push(still(Sort::Frozen, "frozen"));
+        cells.push(baseline(file, Sort::Frozen, "frozen"));
     }
     if file.reference.is_some() {
-        cells.push(still(Sort::Real, "real"));
+        cells.push(baseline(file, Sort::Real, "real"));
     }
     // It is shown beside any others, where it can do anything.
     if !methods.iter().any(|name| *name == PLAIN) && scene.designed().is_none() {
@@ -244,6 +259,12 @@ fn cells(file: &SceneFile, scene: &Scene, methods: &[&String], sweeps: &[Sweep])
         }
     }
     Ok(cells)
+}
+
+/// A row that is no method's.
+fn baseline(file: &SceneFile, sort: Sort, name: &str) -> Cell {
+    let (file, point) = (file.clone(), Vec::new());
+    Cell { name: name.into(), stem: name.into(), sort, file, point, baseline: true, shuffles: None }
 }
 
 /// All combinations of the values that are swept for a method.
@@ -273,7 +294,7 @@ fn cell(file: &SceneFile, method: &str, point: &[(&str, &str)]) -> Result<Cell> 
     }
     synth::check_options(&file.options)?;
     let point = point.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
-    Ok(Cell { stem: plain(&name), name, sort: Sort::Method, file, point, baseline: false })
+    Ok(Cell { stem: plain(&name), name, sort: Sort::Method, file, point, baseline: false, shuffles: None })
 }
 
 /// What a scene is called: its folder, or its file without extension.

@@ -95,6 +95,10 @@ fn make(folder: &Path, scene: &PlannedScene, cell: &Cell, observer: &dyn Observe
             measured(empty, &Request { loops: true, fps, ..Request::new(&video) }, yardstick, observer)?
         }
         Sort::Real => baselines::real(empty, scene.fps(), scene.frames(), &video, yardstick, observer)?,
+        Sort::Shuffled => {
+            baselines::shuffled(cell, folder, &video, observer)?;
+            measured(empty, &Request { fps, ..Request::new(&video) }, yardstick, observer)?
+        }
         Sort::Method => {
             let report = folder.join(&cell.stem);
             let record = animate(cell.file.clone(), &video, Some(&report), observer)?;

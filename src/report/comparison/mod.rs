@@ -1,5 +1,6 @@
 //! Methods beside each other on the same scenes: what was made, what was measured, the tables and the page.
 
+pub mod blind;
 mod page;
 mod reading;
 mod tables;
@@ -13,6 +14,7 @@ use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::measure::over_time::Series;
 use crate::measure::{ALL, Measure};
+use blind::BlindTest;
 
 /// Everything that a comparison found.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -23,6 +25,9 @@ pub struct Comparison {
     pub command: String,
     /// The scenes, in the order asked for.
     pub scenes: Vec<SceneRows>,
+    /// What people chose who did not know which video was which; none where nobody was asked.
+    #[serde(default)]
+    pub blind: Option<BlindTest>,
 }
 
 /// A scene and what was made of it.
@@ -50,9 +55,18 @@ pub enum Sort {
     Frozen,
     /// The real clip: its second half, measured against its first.
     Real,
+    /// A method's frames in an order by chance: bad on purpose, for the blind test.
+    Shuffled,
     /// A method.
     #[default]
     Method,
+}
+
+impl Sort {
+    /// Whether it is there to be seen as bad.
+    pub fn is_bad(self) -> bool {
+        matches!(self, Self::Frozen | Self::Shuffled)
+    }
 }
 
 /// One video with its figures.
@@ -129,7 +143,26 @@ impl SceneRows {
 /// Files that [`Comparison::write`] writes into its folder.
 pub const FILES: [&str; 3] = ["index.html", "results.json", "results.csv"];
 
+/// File of the votes of a blind test, with names.
+pub const VOTES: &str = "votes.csv";
+
 impl Comparison {
+    /// Reads what was written into `folder`.
+    ///
+    /// # Errors
+    /// A folder without a comparison, or one by another version.
+    pub fn read(folder: &Path) -> Result<Self> {
+        let path = folder.join("results.json");
+        if !path.exists() {
+            return Err(Error::file(Kind::Unusable, folder, "there is no comparison in this folder")
+                .remedy("name one with -o that enliven compare has made"));
+        }
+        let text = std::fs::read_to_string(&path).map_err(|e| Error::io(&path, "read", e))?;
+        serde_json::from_str(&text).map_err(|e| {
+            Error::file(Kind::Data, &path, format!("cannot be read as a comparison: {e}")).remedy("run it again")
+        })
+    }
+
     /// How many rows still have to be tried.
     pub fn to_make(&self) -> usize {
         self.scenes.iter().flat_map(|scene| &scene.rows).filter(|row| row.is_to_make()).count()
@@ -143,6 +176,8 @@ impl Comparison {
         let json = serde_json::to_string_pretty(self).map_err(|e| Error::new(Kind::Data, "results", e.to_string()))?;
         let contents = [page::page(self).into_string(), json, tables::csv(self)];
         let files = FILES.iter().map(|name| folder.join(name)).zip(contents);
+        let votes = self.blind.as_ref().map(|test| (folder.join(VOTES), tables::votes(test)));
+        let files = files.chain(votes);
         files.into_iter().try_for_each(|(path, text): (PathBuf, String)| atomic_file::write(&path, text.as_bytes()))
     }
 }

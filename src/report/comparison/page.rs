@@ -3,7 +3,7 @@
 use maud::{Markup, PreEscaped, html};
 
 use super::reading::cautions;
-use super::{Comparison, Row, SceneRows, Sort};
+use super::{Comparison, Row, SceneRows, Sort, blind};
 use crate::base::text::counted;
 use crate::measure::over_time::Along;
 use crate::measure::{Better, Measure};
@@ -39,7 +39,10 @@ pub fn page(comparison: &Comparison) -> Markup {
                 nav aria-label="scenes" { @for scene in &comparison.scenes { a href=(format!("#{}", anchor(scene))) { (scene.name) } } }
             }
         }
-        main { @for scene in &comparison.scenes { (section(scene)) } }
+        main {
+            @if let Some(test) = &comparison.blind { (blind::section(test)) }
+            @for scene in &comparison.scenes { (section(scene)) }
+        }
         script { (PreEscaped(SCRIPT)) }
     };
     page::page("Comparison", STYLE, &body)
@@ -102,6 +105,7 @@ fn video(row: &Row) -> Markup {
                 @match row.sort {
                     Sort::Frozen => " the picture held still",
                     Sort::Real => " the real clip",
+                    Sort::Shuffled => " planted: a method's frames, shuffled",
                     Sort::Method => @if let Some(seconds) = row.seconds { " " (format!("{seconds:.1} s")) },
                 }
                 @if let Some(page) = &row.page { " · " a href=(page) { "run" } }

@@ -1,5 +1,6 @@
 //! The table as comma-separated values.
 
+use super::blind::result::{BlindTest, Cast, Use};
 use super::{Comparison, Row, Sort};
 use crate::measure::ALL;
 
@@ -16,12 +17,29 @@ fn line(scene: &str, row: &Row) -> String {
     let sort = match row.sort {
         Sort::Frozen => "frozen",
         Sort::Real => "real",
+        Sort::Shuffled => "shuffled",
         Sort::Method => "method",
     };
     let number = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
     let first = [scene.to_owned(), row.name.clone(), sort.to_owned(), row.failed.clone().unwrap_or_default()];
     let values = ALL.iter().map(|measure| number(row.value(measure)));
     line_of(first.into_iter().chain([number(row.seconds)]).chain(values))
+}
+
+/// A line for every vote of a blind test, in the order they count in.
+pub fn votes(test: &BlindTest) -> String {
+    let head = ["voter", "session", "order", "scene", "left", "right", "choice", "seconds", "used"];
+    let line = |cast: &Cast| {
+        let used = match cast.used {
+            Use::Counted => "counted",
+            Use::Repeat => "repeat",
+            Use::Outdated => "outdated",
+        };
+        let fields = [&cast.voter, &cast.session, &cast.order.to_string(), &cast.scene, &cast.left, &cast.right];
+        let rest = [cast.choice.word().to_owned(), cast.seconds.to_string(), used.to_owned()];
+        line_of(fields.into_iter().cloned().chain(rest))
+    };
+    [line_of(head.into_iter().map(str::to_owned))].into_iter().chain(test.cast.iter().map(line)).collect()
 }
 
 /// Fields with a comma, a quote or a line's end are quoted (RFC 4180).
