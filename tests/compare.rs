@@ -8,7 +8,7 @@ use assert_cmd::Command;
 use enliven::base::rng;
 use enliven::raster::filter::gaussian;
 use enliven::raster::image::{Color, Plane};
-use enliven::raster::picture_io::{write_grey_png, write_png};
+use enliven::raster::picture_io::{read_picture, write_grey_png, write_png};
 use enliven::report::comparison::{Comparison, Row};
 use tempfile::TempDir;
 
@@ -70,6 +70,9 @@ fn all_methods_stand_beside_each_other_and_what_fails_is_told() {
             let video = out.join(row.video.as_ref().unwrap());
             assert!(video.exists() && row.failed.is_none() && row.values.contains_key("warp error"), "{row:?}");
             assert!(row.series.iter().any(|series| series.measure == "sharpness retention"));
+            let slice = read_picture(&video.with_extension("slice.png")).unwrap().rgb;
+            let turned = if scene.name == "down" { SIZE.1 } else { SIZE.0 };
+            assert_eq!((slice.width, slice.height), (2 * 10, turned), "a loop twice, along the motion");
         }
         let failed = scene.rows[3].failed.as_ref().unwrap();
         assert!(failed.contains("library") && scene.rows[3].video.is_none(), "{failed}");

@@ -10,4 +10,5 @@ mod page;
 pub mod plot;
 pub mod run;
 mod run_page;
+pub mod slice;
 pub mod yardstick;

@@ -75,6 +75,13 @@ impl Yardstick {
         self.reach.as_ref().or(self.still.as_ref().map(|still| &still.matte))
     }
 
+    /// Where the scene as a whole asks its fluid to go; none where it asks nothing.
+    pub fn direction(&self) -> Option<(f32, f32)> {
+        let (asked, _) = self.asked()?;
+        let sum = |plane: &Plane| plane.data.iter().sum::<f32>();
+        Some((sum(&asked.direction.u), sum(&asked.direction.v))).filter(|&(u, v)| u != 0.0 || v != 0.0)
+    }
+
     /// What the scene asks, and its frames per second.
     pub(super) fn asked(&self) -> Option<(&Asked, f32)> {
         self.still.as_ref().and_then(|still| still.asked.as_ref()).zip(self.rate())

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::plan::Cell;
-use super::rows::values;
+use super::rows::{sliced, values};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::rng;
@@ -89,6 +89,8 @@ pub fn real(
     let (w, h) = if same { (width, height) } else { (frames[0].width, frames[0].height) };
     let shown: Vec<Rgb8> = frames.iter().take(length).map(|frame| resize_rgb8(frame, w, h)).collect();
     write(video, shown.iter(), fps, observer)?;
+    // As long as two turns of a loop.
+    let line = sliced(clip, &frames[..frames.len().min(2 * length)], video, yardstick)?;
     let half = frames.len() / 2;
     if half < read::MIN_REFERENCE {
         return Err(Error::file(Kind::Unusable, path, format!("it has {} frames at {fps} a second", frames.len()))
@@ -99,5 +101,5 @@ pub fn real(
     let footage = Footage::new(second[..half].to_vec(), fps, false, matte)?;
     let reference = Footage::new(first.to_vec(), fps, false, matte)?;
     let subject = Subject { reference: Some(&reference), ..Subject::new(&footage) };
-    Ok(Row { values: values(&all(&subject)), series: over_time(&subject), ..row })
+    Ok(Row { values: values(&all(&subject)), series: over_time(&subject), line: Some(line), ..row })
 }

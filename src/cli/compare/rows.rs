@@ -8,10 +8,13 @@ use super::{baselines, kept};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::cli::animate::animate;
-use crate::measure::Value;
 use crate::measure::over_time::over_time;
-use crate::report::comparison::{Row, Sort};
+use crate::measure::{Footage, Value};
+use crate::raster::image::Rgb8;
+use crate::raster::picture_io::write_png;
+use crate::report::comparison::{Row, SLICE, Sort};
 use crate::report::measuring::{Measuring, Request};
+use crate::report::slice::Line;
 use crate::report::yardstick::Yardstick;
 
 /// What is known of a row before it is made.
@@ -114,7 +117,21 @@ fn make(folder: &Path, scene: &PlannedScene, cell: &Cell, observer: &dyn Observe
 fn measured(row: Row, request: &Request, yardstick: &Yardstick, observer: &dyn Observer) -> Result<Row> {
     let measuring = Measuring::read(request, yardstick, observer)?;
     let values = values(&measuring.values(observer)?);
-    Ok(Row { values, series: over_time(&measuring.subject()), ..row })
+    let footage = &measuring.footage;
+    let line = sliced(footage, footage.frames(), request.video, yardstick)?;
+    Ok(Row { values, series: over_time(&measuring.subject()), line: Some(line), ..row })
+}
+
+/// Writes beside the video a slice through `frames`, a loop twice, and tells which line of them it shows.
+///
+/// # Errors
+/// A folder that cannot be written to.
+pub fn sliced(footage: &Footage, frames: &[Rgb8], video: &Path, yardstick: &Yardstick) -> Result<String> {
+    let line = Line::through(footage, yardstick.direction());
+    let turns = if footage.loops() { 2 } else { 1 };
+    let columns = frames.iter().collect::<Vec<_>>().repeat(turns);
+    write_png(&video.with_extension(SLICE), &line.slice(columns.into_iter()))?;
+    Ok(line.words())
 }
 
 /// By name, without those that have no value.

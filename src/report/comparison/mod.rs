@@ -3,6 +3,7 @@
 pub mod blind;
 mod page;
 mod reading;
+mod slices;
 mod tables;
 
 use std::collections::BTreeMap;
@@ -85,6 +86,9 @@ pub struct Row {
     pub baseline: bool,
     /// The video, as seen from the page.
     pub video: Option<String>,
+    /// Which line of its frames the slice through time beside the video shows; none without a slice.
+    #[serde(default)]
+    pub line: Option<String>,
     /// The page of its run.
     pub page: Option<String>,
     /// A picture of the motion that it aimed at, as seen from the page.
@@ -104,6 +108,12 @@ pub struct Row {
 }
 
 impl Row {
+    /// Its slice through time, as seen from the page, and which line of the frames it shows.
+    fn slice(&self) -> Option<(String, &str)> {
+        let (video, line) = self.video.as_deref().zip(self.line.as_deref())?;
+        Some((PathBuf::from(video).with_extension(SLICE).display().to_string(), line))
+    }
+
     /// A measure's value.
     pub fn value(&self, measure: &Measure) -> Option<f64> {
         self.values.get(measure.name).copied()
@@ -140,6 +150,8 @@ impl SceneRows {
     }
 }
 
+/// Extension of a row's slice through time, beside its video.
+pub const SLICE: &str = "slice.png";
 /// Files that [`Comparison::write`] writes into its folder.
 pub const FILES: [&str; 3] = ["index.html", "results.json", "results.csv"];
 

@@ -3,6 +3,7 @@
 use maud::{Markup, PreEscaped, html};
 
 use super::reading::cautions;
+use super::slices::slices;
 use super::{Comparison, Row, SceneRows, Sort, blind};
 use crate::base::text::counted;
 use crate::measure::over_time::Along;
@@ -68,6 +69,7 @@ fn section(scene: &SceneRows) -> Markup {
             (controls(scene))
             div.videos { @for row in &scene.rows { (video(row)) } }
             (wipe(scene))
+            (slices(scene))
             (table(scene))
             @let told = cautions(scene);
             @if !told.is_empty() { ul.cautions { @for line in &told { li { (line) } } } }
