@@ -32,7 +32,7 @@ use enliven::raster::picture_io::{read_picture, write_grey_png, write_png};
 use enliven::raster::premultiplied::Premultiplied;
 use enliven::raster::resample::resize_rgb8;
 use enliven::report::contact_sheet::contact_sheet;
-use enliven::report::plot::{Lines, lines};
+use enliven::report::plot::{Key, Lines, lines};
 use enliven::scene::file::{SceneFile, TargetFile};
 use enliven::scene::scene::Scene;
 use enliven::scene::target::Target;
@@ -129,25 +129,20 @@ fn case(
         print(rule, &run, runs.first().map(|(_, plain)| plain));
         runs.push((*rule, run));
     }
-    let curves: Vec<(&str, &str, &[f64])> =
-        runs.iter().zip(["a", "b", "c", "d", "e"]).map(|((rule, r), class)| (*rule, class, &r.sharpness[..])).collect();
-    let plot =
-        lines(&Lines { title: "sharpness over the exemplar's", along: "frame", start: 0.0, step: 1.0, lines: &curves });
-    std::fs::write(folder.join(format!("{name}-sharpness.svg")), standalone(&plot.into_string()))?;
+    let key =
+        |(rule, colour): (&str, &str)| Key { name: rule.to_owned(), style: format!("stroke:{colour}"), class: "" };
+    let colours = ["#888", "#b60", "#06b", "#0a6", "#c03"];
+    let curves: Vec<(Key, &[f64])> =
+        runs.iter().zip(colours).map(|((rule, r), colour)| (key((*rule, colour)), &r.sharpness[..])).collect();
+    let title = "sharpness over the exemplar's";
+    let plot = lines(&Lines { title, along: "frame", start: 0.0, step: 1.0, lines: &curves });
+    std::fs::write(folder.join(format!("{name}-sharpness.svg")), plot.file())?;
     for (k, share) in SHOWN.iter().enumerate() {
         let row: Vec<Rgb8> = runs.iter().map(|(_, r)| r.shown[k].clone()).collect();
         let file = format!("{name}-{:03}.png", at(*share, frames) + 1);
         write_png(&folder.join(file), &contact_sheet(&row, row.len(), 8 + row.len() * (SIDE + 8)))?;
     }
     Ok(())
-}
-
-/// Colours for a plot outside any page.
-fn standalone(svg: &str) -> String {
-    const STYLE: &str = "<style>text{font:12px sans-serif}.grid{stroke:#ccc}polyline{fill:none;stroke-width:2}\
-        .a{stroke:#888}.b{stroke:#b60}.c{stroke:#06b}.d{stroke:#0a6}.e{stroke:#c03}</style>";
-    let end = svg.find('>').map_or(0, |i| i + 1);
-    format!("{} xmlns=\"http://www.w3.org/2000/svg\">{STYLE}{}", &svg[..end.saturating_sub(1)], &svg[end..])
 }
 
 /// The frame at a share of a sequence.

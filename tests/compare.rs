@@ -57,6 +57,13 @@ fn names(rows: &[Row]) -> Vec<&str> {
     rows.iter().map(|row| row.name.as_str()).collect()
 }
 
+/// The worst frames of a row of the first scene.
+fn scene_worst(found: &Comparison, name: &str) -> Vec<(String, usize)> {
+    let row = found.scenes[0].rows.iter().find(|row| row.name == name).unwrap();
+    assert!(row.worst.values().all(|frame| *frame < found.scenes[0].frames), "{:?}", row.worst);
+    row.worst.clone().into_iter().collect()
+}
+
 #[test]
 fn all_methods_stand_beside_each_other_and_what_fails_is_told() {
     let folder = studio();
@@ -86,6 +93,18 @@ fn all_methods_stand_beside_each_other_and_what_fails_is_told() {
     assert!(page.contains("Not made") && page.contains("src=\"right/kwatra.mp4\"") && page.contains(&found.command));
     let table = fs::read_to_string(out.join("results.csv")).unwrap();
     assert_eq!(table.lines().count(), 9);
+    // Both scenes together: what failed is counted, and the reference has no place among the methods.
+    let all: serde_json::Value = serde_json::from_str(&fs::read_to_string(out.join("results.json")).unwrap()).unwrap();
+    let row = |i: usize| &all["overall"][i];
+    assert_eq!((&row(1)["name"], &row(1)["reference"]), (&"advect".into(), &true.into()));
+    assert_eq!((row(2)["made"].as_u64(), row(3)["failed"].as_u64()), (Some(2), Some(2)));
+    assert_eq!(row(2)["measures"]["warp error"]["scenes"], 2);
+    let summary = fs::read_to_string(out.join("summary.csv")).unwrap();
+    assert!(summary.contains("kwatra,method,2,0,warp error,2,"), "{summary}");
+    assert!(page.contains("All scenes together") && page.contains("2 failed"));
+    let plot = fs::read_to_string(out.join("down/plots/over-time-warp-error.svg")).unwrap();
+    assert!(plot.starts_with("<svg xmlns=") && plot.contains("kwatra") && !plot.contains("var("), "{plot}");
+    assert!(scene_worst(&found, "kwatra").iter().any(|(measure, _)| measure == "largest step ratio"));
     assert!(table.lines().nth(3).unwrap().starts_with("down,kwatra,method,,"), "{table}");
 }
 
@@ -124,6 +143,8 @@ fn the_command_on_the_page_repeats_it() {
         ["kwatra lambda=1 patch=5", "kwatra lambda=1 patch=7", "kwatra lambda=2 patch=5", "kwatra lambda=2 patch=7"];
     assert_eq!(names(&found.scenes[0].rows)[2..], swept);
     assert_eq!(found.scenes[0].frames, 8);
+    let map = fs::read_to_string(out.join("down/plots/sweep-kwatra-warp-error.svg")).unwrap();
+    assert_eq!(map.matches("class=\"field\"").count(), 4, "{map}");
     let line = found.command.strip_prefix("enliven compare ").unwrap();
     let again = succeed(&out, line);
     assert_eq!(again.matches("kept, nothing has changed").count(), 6, "{again}");
@@ -233,4 +254,13 @@ fn mistakes_are_named_before_any_work() {
     let output = run(folder.path(), "down.toml --methods advect -o busy");
     assert_eq!(output.status.code(), Some(2));
     assert!(said(&output).contains("another comparison is at work here"), "{}", said(&output));
+    drop(lock);
+    // A folder that cannot be made, and one within it.
+    let output = run(folder.path(), "down.toml --methods advect -o picture.png");
+    assert_eq!((output.status.code(), said(&output).lines().count()), (Some(1), 1), "{}", said(&output));
+    assert!(said(&output).contains("picture.png: cannot make the folder"), "{}", said(&output));
+    fs::write(folder.path().join("busy/down"), "in the way").unwrap();
+    let output = run(folder.path(), "down.toml --methods advect -o busy --quiet");
+    assert_eq!((output.status.code(), said(&output).lines().count()), (Some(1), 1), "{}", said(&output));
+    assert!(said(&output).contains("cannot make the folder"), "{}", said(&output));
 }

@@ -59,7 +59,8 @@ const until = async (test) => { while (!test()) await new Promise(done => setTim
   const wipe = find('.wipe');
   wipe.open = true;
   const sides = ['.left', '.right'].map(name => wipe.querySelector(name));
-  await until(() => sides.every(video => video.readyState >= 2 && !video.seeking));
+  // Brought to the frame of the others once their lengths are known.
+  await until(() => sides.every(video => video.readyState >= 2 && !video.seeking && video.currentTime > 0));
   const border = find('.border');
   border.value = 25;
   border.dispatchEvent(new Event('input'));
@@ -68,6 +69,26 @@ const until = async (test) => { while (!test()) await new Promise(done => setTim
   const named = e => e.getAttribute('aria-label') || e.textContent.trim() || e.closest('label')?.textContent.trim();
   const parts = [...document.querySelectorAll('button, input, select, video, [tabindex]')];
   say('unnamed', parts.filter(e => !named(e)).length, [...document.querySelectorAll('img')].filter(e => !e.alt).length);
+  const term = find('.term');
+  term.focus();
+  const tip = find('.tip');
+  say('tip', !tip.hidden, tip.textContent.length > 20, tip.getBoundingClientRect().right <= window.innerWidth);
+  key('Escape');
+  say('escaped', tip.hidden);
+  const described = [...document.querySelectorAll('.term')].filter(e => !document.getElementById(e.getAttribute('aria-describedby')));
+  say('undescribed', described.length);
+  // Pictures are loaded only when they come into view.
+  const pictures = [...document.querySelectorAll('.pictures img')];
+  pictures.forEach(picture => picture.loading = 'eager');
+  await Promise.all(pictures.map(picture => picture.decode()));
+  say('pictures', pictures.length, pictures.every(picture => picture.naturalWidth > 0));
+  const plots = [...document.querySelectorAll('.multiples svg[role=img]')];
+  say('sweeps', plots.length > 5, plots.every(plot => plot.querySelectorAll('.point').length === 2 && plot.getBoundingClientRect().height > 60));
+  const scroll = [...document.querySelectorAll('.scroll')].find(e => e.querySelector('table'));
+  const name = scroll.querySelector('tbody tr:nth-child(2) th');
+  const there = name.getBoundingClientRect().left;
+  scroll.scrollLeft = 80;
+  say('sticky', Math.abs(name.getBoundingClientRect().left - there) < 1);
   say('width', document.documentElement.scrollWidth <= window.innerWidth);
   say('end');
 })();
@@ -116,6 +137,12 @@ fn the_page_plays_in_step_wipes_and_fits() {
         assert_eq!(of("wipe"), [["inset(0px", "75%", "0px", "0px)", "true"]]);
         assert!(["0", "1"].contains(&of("together")[0][0]));
         assert_eq!(of("unnamed"), [["0", "0"]]);
+        assert_eq!(of("tip"), [["true", "true", "true"]]);
+        assert_eq!(of("escaped"), [["true"]]);
+        assert_eq!(of("undescribed"), [["0"]]);
+        assert_eq!(of("pictures"), [["3", "true"]]);
+        assert_eq!(of("sweeps"), [["true", "true"]]);
+        assert_eq!(of("sticky"), [["true"]]);
         assert_eq!(of("width"), [["true"]]);
     }
 }

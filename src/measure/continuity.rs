@@ -92,6 +92,23 @@ fn difference(a: &Rgb8, b: &Rgb8, inside: &[bool]) -> f64 {
     sum as f64 / (255 * 3 * count) as f64
 }
 
+/// The measures of this module that stand out in a frame, each with its number: the one after the largest step, the one of
+/// least contrast, the last before a loop closes, and the one whose mean luma differs most from the one before.
+pub(super) fn worst_frames(footage: &Footage) -> Vec<(&'static str, usize)> {
+    let largest = |values: &[f64]| (0..values.len()).max_by(|a, b| values[*a].total_cmp(&values[*b]));
+    let after = |values: &[f64]| largest(values).map(|t| t + 1);
+    let dull: Vec<f64> = contrasts(footage).unwrap_or_default().iter().map(|c| -c).collect();
+    let changes: Vec<f64> = brightness(footage).windows(2).map(|pair| (pair[1] - pair[0]).abs()).collect();
+    let closing = footage.loops().then(|| footage.frames().len() - 1);
+    let found = [
+        (LOOP_RATIO.name, closing),
+        (LARGEST_STEP_RATIO.name, steps(footage).and_then(|steps| after(&steps))),
+        (CONTRAST_DIP.name, largest(&dull)),
+        (FLICKER.name, after(&changes)),
+    ];
+    found.into_iter().filter_map(|(name, frame)| Some((name, frame?))).collect()
+}
+
 /// Contrast of each frame less the mean frame.
 fn contrasts(footage: &Footage) -> Option<Vec<f64>> {
     let (luma, mean) = (footage.luma(), footage.mean());
@@ -161,6 +178,20 @@ fn median(mut values: Vec<f64>) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_flash_is_the_worst_frame_of_steps_and_flicker() {
+        let grey = |t: usize| {
+            let byte = |i: usize| if t == 7 { 250 } else { ((i * 37 + t * 11) % 61) as u8 };
+            Rgb8 { width: 32, height: 32, data: (0..32 * 32 * 3).map(byte).collect() }
+        };
+        let footage = Footage::new((0..12).map(grey).collect(), 25.0, true, None).unwrap();
+        let of = |name: &str| worst_frames(&footage).into_iter().find(|f| f.0 == name).map(|f| f.1);
+        assert!([Some(7), Some(8)].contains(&of("largest step ratio")), "{:?}", of("largest step ratio"));
+        assert!([Some(7), Some(8)].contains(&of("flicker")), "{:?}", of("flicker"));
+        assert_eq!(of("loop ratio"), Some(11));
+        assert!(of("contrast dip").is_some());
+    }
 
     #[test]
     fn power_is_the_variance_above_two_hertz() {

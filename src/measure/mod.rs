@@ -17,6 +17,7 @@ mod sharpness;
 mod sliced;
 mod spectrum;
 pub mod subject;
+pub mod worst;
 
 pub use footage::{Footage, Recorder};
 pub use nodes::Node;

@@ -164,22 +164,37 @@ impl Mean {
 }
 
 fn seam_ratio(subject: &Subject) -> Option<f64> {
+    let (mut across, mut beside) = (Mean::default(), Mean::default());
+    for (_, (a, b)) in seams(subject) {
+        across = Mean { sum: across.sum + a.sum, count: across.count + a.count };
+        beside = Mean { sum: beside.sum + b.sum, count: beside.count + b.count };
+    }
+    across.over(beside)
+}
+
+/// Of steps that are looked at, the frame after each, and its gradients across the borders and beside them.
+fn seams(subject: &Subject) -> Vec<(usize, (Mean, Mean))> {
     let footage = subject.footage;
     let borders = borders(subject.nodes);
     let steps = footage.steps();
     let chosen = spread(steps.len(), STEPS);
     let luma = footage.luma();
-    let sums = par::map(chosen.len(), |i| {
+    par::map(chosen.len(), |i| {
         let (a, b) = steps[chosen[i]];
         let change: Vec<f32> = luma[b].data.iter().zip(&luma[a].data).map(|(b, a)| b - a).collect();
-        gradients(&change, &borders, footage)
-    });
-    let (mut across, mut beside) = (Mean::default(), Mean::default());
-    for (a, b) in sums {
-        across = Mean { sum: across.sum + a.sum, count: across.count + a.count };
-        beside = Mean { sum: beside.sum + b.sum, count: beside.count + b.count };
+        (b, gradients(&change, &borders, footage))
+    })
+}
+
+/// The frame into which seams show most.
+pub(super) fn worst_frame(subject: &Subject) -> Option<usize> {
+    if subject.nodes.is_empty() {
+        return None;
     }
-    across.over(beside)
+    let badness = |(frame, (across, beside)): (usize, (Mean, Mean))| {
+        Some((frame, SEAM_RATIO.better.badness(across.over(beside)?)))
+    };
+    seams(subject).into_iter().filter_map(badness).max_by(|a, b| a.1.total_cmp(&b.1)).map(|worst| worst.0)
 }
 
 /// Gradients of `change` across the borders, and beside them up to the pieces' centres.

@@ -11,4 +11,5 @@ pub mod plot;
 pub mod run;
 mod run_page;
 pub mod slice;
+pub mod small_plot;
 pub mod yardstick;

@@ -148,6 +148,7 @@ fn energy(assignment: &AssignmentRecord) -> Markup {
     let (smooth, gap) = (energy - data_energy, 100.0 * gap);
     // A solver that bounds the energy once has no history of bounds.
     let bounds = if bounds.is_empty() { std::slice::from_ref(bound) } else { bounds };
+    let key = |name: &str, class| plot::Key { name: name.to_owned(), class, style: String::new() };
     html! {
         h2 { "Energy of the labels" }
         (plot::lines(&plot::Lines {
@@ -155,8 +156,9 @@ fn energy(assignment: &AssignmentRecord) -> Markup {
             along: "rounds",
             start: 0.0,
             step: 1.0,
-            lines: &[("energy", "energy", history), ("lower bound", "bound", bounds)],
-        }))
+            lines: &[(key("energy", "energy"), history), (key("lower bound", "bound"), bounds)],
+        })
+        .on_page())
         p {
             "Energy " (format!("{energy:.3}")) ": data " (format!("{data_energy:.3}")) ", smoothness "
             (format!("{smooth:.3}")) ". The best pieces by themselves have " (format!("{data_only_energy:.3}"))

@@ -63,7 +63,7 @@ pub struct Cell {
     pub file: SceneFile,
     /// What a sweep sets: options and their values.
     pub point: Vec<(String, String)>,
-    /// Whether it was not asked for.
+    /// Whether it gives meaning to the numbers of others.
     pub baseline: bool,
     /// The row whose frames it shuffles.
     pub shuffles: Option<Box<Cell>>,
@@ -251,7 +251,7 @@ fn cells(file: &SceneFile, scene: &Scene, methods: &[&String], sweeps: &[Sweep])
     }
     // It is shown beside any others, where it can do anything.
     if !methods.iter().any(|name| *name == PLAIN) && scene.designed().is_none() {
-        cells.push(Cell { baseline: true, ..cell(file, PLAIN, &[])? });
+        cells.push(cell(file, PLAIN, &[])?);
     }
     for method in methods {
         for point in points(method, sweeps) {
@@ -293,8 +293,10 @@ fn cell(file: &SceneFile, method: &str, point: &[(&str, &str)]) -> Result<Cell> 
         let _ = write!(name, " {key}={value}");
     }
     synth::check_options(&file.options)?;
-    let point = point.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
-    Ok(Cell { stem: plain(&name), name, sort: Sort::Method, file, point, baseline: false, shuffles: None })
+    let point: Vec<_> = point.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
+    // Whoever sweeps it wants to know about it.
+    let baseline = method == PLAIN && point.is_empty();
+    Ok(Cell { stem: plain(&name), name, sort: Sort::Method, file, point, baseline, shuffles: None })
 }
 
 /// What a scene is called: its folder, or its file without extension.

@@ -9,6 +9,7 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::cli::animate::animate;
 use crate::measure::over_time::over_time;
+use crate::measure::worst::worst_frames;
 use crate::measure::{Footage, Value};
 use crate::raster::image::Rgb8;
 use crate::raster::picture_io::write_png;
@@ -119,7 +120,9 @@ fn measured(row: Row, request: &Request, yardstick: &Yardstick, observer: &dyn O
     let values = values(&measuring.values(observer)?);
     let footage = &measuring.footage;
     let line = sliced(footage, footage.frames(), request.video, yardstick)?;
-    Ok(Row { values, series: over_time(&measuring.subject()), line: Some(line), ..row })
+    let (series, subject) = (over_time(&measuring.subject()), measuring.subject());
+    let worst = worst_frames(&subject, &series).into_iter().collect();
+    Ok(Row { values, series, worst, line: Some(line), ..row })
 }
 
 /// Writes beside the video a slice through `frames`, a loop twice, and tells which line of them it shows.
@@ -137,4 +140,19 @@ pub fn sliced(footage: &Footage, frames: &[Rgb8], video: &Path, yardstick: &Yard
 /// By name, without those that have no value.
 pub fn values(values: &[Value]) -> BTreeMap<String, f64> {
     values.iter().filter_map(|(measure, value)| Some((measure.name.to_owned(), (*value)?))).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use std::io::{Error as Cause, ErrorKind};
+
+    use super::*;
+
+    #[test]
+    fn a_full_disk_ends_all_and_a_missing_file_only_a_row() {
+        let error = |kind: ErrorKind| Error::io(Path::new("a"), "write", Cause::from(kind));
+        assert!(ends_all(&error(ErrorKind::StorageFull)) && ends_all(&error(ErrorKind::ReadOnlyFilesystem)));
+        assert!(ends_all(&Error::interrupted()));
+        assert!(!ends_all(&error(ErrorKind::NotFound)) && !ends_all(&Error::new(Kind::Limit, "memory", "too little")));
+    }
 }

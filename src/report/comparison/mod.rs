@@ -1,10 +1,17 @@
 //! Methods beside each other on the same scenes: what was made, what was measured, the tables and the page.
 
 pub mod blind;
+mod colours;
+mod groups;
+mod overall;
 mod page;
+mod plots;
 mod reading;
 mod slices;
+mod sweeps;
+mod table;
 mod tables;
+mod videos;
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,9 +20,11 @@ use serde::{Deserialize, Serialize};
 
 use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
+use crate::measure::Measure;
 use crate::measure::over_time::Series;
-use crate::measure::{ALL, Measure};
 use blind::BlindTest;
+use colours::Palette;
+use overall::{Overall, overall};
 
 /// Everything that a comparison found.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
@@ -82,7 +91,7 @@ pub struct Row {
     pub method: String,
     /// What a sweep sets: options of the method, and their values as they were written.
     pub point: Vec<(String, String)>,
-    /// Whether it was not asked for, and stands there to give meaning to the numbers of others.
+    /// Whether it stands there to give meaning to the numbers of others.
     pub baseline: bool,
     /// The video, as seen from the page.
     pub video: Option<String>,
@@ -97,7 +106,7 @@ pub struct Row {
     pub failed: Option<String>,
     /// Seconds that the method took.
     pub seconds: Option<f64>,
-    /// Values by the names of [`ALL`]; those without a value are left out.
+    /// Values by the names of [`crate::measure::ALL`]; those without a value are left out.
     pub values: BTreeMap<String, f64>,
     /// Values over time.
     pub series: Vec<Series>,
@@ -124,6 +133,11 @@ impl Row {
         self.video.is_some()
     }
 
+    /// Whether it gives meaning to the numbers of others.
+    fn is_reference(&self) -> bool {
+        self.baseline || self.sort != Sort::Method
+    }
+
     /// Whether it still has to be tried.
     pub fn is_to_make(&self) -> bool {
         self.video.is_none() && self.failed.is_none()
@@ -131,14 +145,20 @@ impl Row {
 }
 
 impl SceneRows {
-    /// Measures that any row has a value of, in the order of reports.
-    fn measures(&self) -> impl Iterator<Item = &'static Measure> {
-        ALL.iter().filter(|measure| self.rows.iter().any(|row| row.value(measure).is_some()))
+    /// Whether all that can be made is made.
+    fn is_finished(&self) -> bool {
+        !self.rows.iter().any(Row::is_to_make)
     }
 
-    /// The methods' rows that were made.
+    /// The methods' rows that were made, without the one that is a reference.
     fn methods(&self) -> impl Iterator<Item = &Row> {
-        self.rows.iter().filter(|row| row.sort == Sort::Method && row.is_made())
+        self.rows.iter().filter(|row| !row.is_reference() && row.is_made())
+    }
+
+    /// Whether a row is the best method by a measure, or as good.
+    fn is_best(&self, row: &Row, measure: &Measure) -> bool {
+        let badness = |row: &Row| row.value(measure).map(|v| measure.better.badness(v));
+        !row.is_reference() && self.best(measure).is_some_and(|best| badness(best) == badness(row))
     }
 
     /// The best method by a measure; none where fewer than two have a value.
@@ -152,8 +172,14 @@ impl SceneRows {
 
 /// Extension of a row's slice through time, beside its video.
 pub const SLICE: &str = "slice.png";
-/// Files that [`Comparison::write`] writes into its folder.
-pub const FILES: [&str; 3] = ["index.html", "results.json", "results.csv"];
+
+/// Everything that was found, and what follows from it for all scenes together.
+#[derive(Serialize)]
+struct Results<'a> {
+    #[serde(flatten)]
+    comparison: &'a Comparison,
+    overall: &'a [Overall],
+}
 
 /// File of the votes of a blind test, with names.
 pub const VOTES: &str = "votes.csv";
@@ -180,16 +206,27 @@ impl Comparison {
         self.scenes.iter().flat_map(|scene| &scene.rows).filter(|row| row.is_to_make()).count()
     }
 
-    /// Writes the page and the tables into `folder`, which holds the videos.
+    /// Writes the page, the tables, and the plots of finished scenes into `folder`, which holds the videos.
     ///
     /// # Errors
     /// A folder that cannot be written to, a full disk.
     pub fn write(&self, folder: &Path) -> Result<()> {
-        let json = serde_json::to_string_pretty(self).map_err(|e| Error::new(Kind::Data, "results", e.to_string()))?;
-        let contents = [page::page(self).into_string(), json, tables::csv(self)];
-        let files = FILES.iter().map(|name| folder.join(name)).zip(contents);
-        let votes = self.blind.as_ref().map(|test| (folder.join(VOTES), tables::votes(test)));
-        let files = files.chain(votes);
-        files.into_iter().try_for_each(|(path, text): (PathBuf, String)| atomic_file::write(&path, text.as_bytes()))
+        let overall = overall(self);
+        let results = Results { comparison: self, overall: &overall };
+        let json = serde_json::to_string_pretty(&results);
+        let json = json.map_err(|e| Error::new(Kind::Data, "results", e.to_string()))?;
+        let palette = Palette::new(self);
+        self.scenes.iter().try_for_each(|scene| plots::write(scene, &palette, folder))?;
+        let files = [
+            ("results.json", json),
+            ("results.csv", tables::csv(self)),
+            ("summary.csv", tables::summary(&overall)),
+            ("index.html", page::page(self, &overall).into_string()),
+        ];
+        let votes = self.blind.as_ref().map(|test| (VOTES, tables::votes(test)));
+        files
+            .into_iter()
+            .chain(votes)
+            .try_for_each(|(name, text)| atomic_file::write(&folder.join(name), text.as_bytes()))
     }
 }

@@ -182,6 +182,44 @@ class Stage {
   }
 }
 
+// What a measure is, shown where it is pointed at or come to by keyboard.
+class Tip {
+  constructor() {
+    this.box = document.createElement("div");
+    this.box.className = "tip";
+    this.box.setAttribute("aria-hidden", "true"); // read out as the button's description
+    this.box.hidden = true;
+    document.body.append(this.box);
+    for (const term of document.querySelectorAll(".term")) {
+      for (const event of ["pointerenter", "focus"]) term.addEventListener(event, () => this.show(term));
+      for (const event of ["pointerleave", "blur"]) term.addEventListener(event, () => this.hide());
+    }
+    window.addEventListener("scroll", () => this.hide(), { passive: true, capture: true });
+    document.addEventListener("keydown", (event) => {
+      if (event.key === "Escape") this.hide();
+    });
+  }
+
+  show(term) {
+    const text = document.getElementById(term.getAttribute("aria-describedby"));
+    if (!text) return;
+    this.box.textContent = text.textContent;
+    this.box.hidden = false;
+    const at = term.getBoundingClientRect();
+    const { offsetWidth: width, offsetHeight: height } = this.box;
+    const left = Math.max(8, Math.min(at.left, document.documentElement.clientWidth - width - 8));
+    const below = at.bottom + 6;
+    this.box.style.left = `${left}px`;
+    this.box.style.top = `${below + height < window.innerHeight ? below : Math.max(8, at.top - height - 6)}px`;
+  }
+
+  hide() {
+    this.box.hidden = true;
+  }
+}
+
+new Tip();
+
 const stages = [...document.querySelectorAll("section.scene")].map((section) => new Stage(section));
 
 // The scene whose middle is nearest to the window's.

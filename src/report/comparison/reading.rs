@@ -1,4 +1,4 @@
-//! What keeps a reader from being fooled: measures that are won by doing badly.
+//! What keeps a reader from being fooled: measures that are won by doing badly, or that no method was needed for.
 
 use super::{Row, SceneRows, Sort};
 use crate::measure::{ALL, Measure};
@@ -19,7 +19,20 @@ pub fn cautions(scene: &SceneRows) -> Vec<String> {
         let fault = faults(scene, best).into_iter().find(|fault| fault.wins.contains(&measure.name))?;
         Some(format!("{} is best in {}, which {} wins: its {}.", best.name, measure.name, fault.name, fault.seen))
     };
-    ALL.iter().filter_map(caution).collect()
+    ALL.iter().filter_map(caution).chain(scene.rows.iter().filter_map(|row| beaten(scene, row))).collect()
+}
+
+/// What a method that is only a reference does better than all others: there they have brought nothing.
+fn beaten(scene: &SceneRows, row: &Row) -> Option<String> {
+    let badness = |row: &Row, measure: &Measure| row.value(measure).map(|v| measure.better.badness(v));
+    let better = |measure: &&Measure| {
+        let best = scene.methods().filter_map(|other| badness(other, measure)).reduce(f64::min);
+        badness(row, measure).zip(best).is_some_and(|(own, best)| own < best)
+    };
+    let names: Vec<&str> = ALL.iter().filter(better).map(|measure| measure.name).collect();
+    let counts = row.baseline && row.sort == Sort::Method && !names.is_empty();
+    let told = "needs neither library nor exemplar, and is better than every method in";
+    counts.then(|| format!("{}, the reference, {told}: {}.", row.name, names.join(", ")))
 }
 
 /// Something that a video does badly, and the measures that it makes look good.
@@ -61,7 +74,7 @@ mod tests {
 
     fn row(name: &str, sort: Sort, values: &[(&str, f64)]) -> Row {
         let values = values.iter().map(|(name, v)| ((*name).to_owned(), *v)).collect();
-        Row { name: name.into(), sort, values, ..Row::default() }
+        Row { name: name.into(), sort, values, video: Some(String::new()), ..Row::default() }
     }
 
     #[test]
@@ -77,5 +90,17 @@ mod tests {
         assert!(has("soft is best in warp error, which blur wins"), "{told:?}");
         assert!(has("still is best in loop ratio, which standing still wins"), "{told:?}");
         assert!(!has("best in dynamics distance") && !has("frozen is"), "{told:?}");
+    }
+
+    #[test]
+    fn a_reference_that_beats_all_methods_is_told() {
+        let plain = Row { baseline: true, ..row("advect", Sort::Method, &[("warp error", 0.01), ("flicker", 0.2)]) };
+        let method = row("a", Sort::Method, &[("warp error", 0.02), ("flicker", 0.1)]);
+        let told = cautions(&SceneRows { rows: vec![plain, method], ..SceneRows::default() });
+        assert_eq!(told.len(), 1, "{told:?}");
+        assert!(
+            told[0].starts_with("advect, the reference, needs") && told[0].ends_with("in: warp error."),
+            "{told:?}"
+        );
     }
 }

@@ -1,6 +1,7 @@
-//! The table as comma-separated values.
+//! The tables as comma-separated values.
 
 use super::blind::result::{BlindTest, Cast, Use};
+use super::overall::Overall;
 use super::{Comparison, Row, Sort};
 use crate::measure::ALL;
 
@@ -13,15 +14,36 @@ pub fn csv(comparison: &Comparison) -> String {
     lines.collect()
 }
 
-fn line(scene: &str, row: &Row) -> String {
-    let sort = match row.sort {
+/// A line for every row and every measure that it has values of, over all scenes.
+pub fn summary(all: &[Overall]) -> String {
+    let head = ["row", "sort", "made", "failed", "measure", "scenes", "mean", "mean place", "best in"];
+    let lines = all.iter().flat_map(|row| {
+        let measures = ALL.iter().filter_map(|measure| Some((measure.name, row.measures.get(measure.name)?)));
+        measures.map(|(name, mean)| {
+            let first = [row.name.clone(), sort(row.sort).to_owned(), row.made.to_string(), row.failed.to_string()];
+            let rest = [mean.mean.to_string(), number(mean.rank), mean.best.to_string()];
+            line_of(first.into_iter().chain([name.to_owned(), mean.scenes.to_string()]).chain(rest))
+        })
+    });
+    [line_of(head.into_iter().map(str::to_owned))].into_iter().chain(lines).collect()
+}
+
+fn sort(sort: Sort) -> &'static str {
+    match sort {
         Sort::Frozen => "frozen",
         Sort::Real => "real",
         Sort::Shuffled => "shuffled",
         Sort::Method => "method",
-    };
-    let number = |value: Option<f64>| value.map_or(String::new(), |v| v.to_string());
-    let first = [scene.to_owned(), row.name.clone(), sort.to_owned(), row.failed.clone().unwrap_or_default()];
+    }
+}
+
+fn number(value: Option<f64>) -> String {
+    value.map_or(String::new(), |v| v.to_string())
+}
+
+fn line(scene: &str, row: &Row) -> String {
+    let failed = row.failed.clone().unwrap_or_default();
+    let first = [scene.to_owned(), row.name.clone(), sort(row.sort).to_owned(), failed];
     let values = ALL.iter().map(|measure| number(row.value(measure)));
     line_of(first.into_iter().chain([number(row.seconds)]).chain(values))
 }
