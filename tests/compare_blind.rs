@@ -184,6 +184,7 @@ fn an_able_voter_s_votes_mean_something_and_stay() {
     let found = blind(folder.path());
     // Of six pairs in each of two scenes, three are with the row that is no longer compared.
     assert_eq!((found.voters, found.votes, found.outdated + found.repeats), (2, 12, 18));
+    assert!(found.stale);
     assert!(found.replaced.contains(&("torrent".to_owned(), "shuffled".to_owned())));
 }
 
@@ -306,7 +307,41 @@ const check = (where) => {
   const html = document.documentElement.outerHTML + location.href + videos.map(video => video.currentSrc);
   say('told', where, ...NAMES.filter(name => html.includes(name)));
 };
+// Many people's orders, of scenes with 4 and 7 videos: pairs, repeats, repeats not swapped or too near, most that a video was
+// ahead of another of its scene at any time, most that one was left more often than right, orders.
+const fair = () => {
+  const scenes = test.scenes;
+  test.scenes = [4, 7].map((n, s) => ({ videos: Array.from({ length: n }, (_, i) => `blind/${s}-${i}.mp4`) }));
+  const all = new Set();
+  let [bad, ahead, sides] = [0, 0, 0];
+  for (let k = 0; k < 30; k++) {
+    const order = schedule(newSession());
+    all.add(JSON.stringify(order));
+    const [seen, shown, left] = [new Map(), {}, {}];
+    const repeats = order.filter(({ left: a, right: b }, place) => {
+      const pair = [a, b].sort().join(' ');
+      if (seen.has(pair)) {
+        const before = seen.get(pair);
+        bad += order[before].left !== b || place - before < 4;
+        return true;
+      }
+      seen.set(pair, place);
+      for (const name of [a, b]) shown[name] = (shown[name] || 0) + 1;
+      left[a] = (left[a] || 0) + 1;
+      left[b] = (left[b] || 0) - 1;
+      for (const scene of test.scenes) {
+        const counts = scene.videos.map(name => shown[name] || 0);
+        ahead = Math.max(ahead, Math.max(...counts) - Math.min(...counts));
+      }
+    });
+    sides = Math.max(sides, ...Object.values(left).map(Math.abs));
+    if (!k) say('order', seen.size, repeats.length);
+  }
+  test.scenes = scenes;
+  say('fair', bad, ahead, sides, all.size);
+};
 const first = async () => {
+  fair();
   check('start');
   find('#voter').value = 'Ada';
   find('#begin').click();
@@ -406,6 +441,9 @@ fn people_can_vote_in_a_browser() {
             assert!(of("unnamed").contains(&vec![place]) && of("told").contains(&vec![place]), "{results:?}");
             assert!(of("width").contains(&vec![place, "true"]), "{results:?}");
         }
+        assert_eq!(of("order"), [["27", "3"]]);
+        let fair: Vec<usize> = of("fair")[0].iter().map(|word| word.parse().unwrap()).collect();
+        assert!(fair[0] == 0 && fair[1] <= 2 && fair[2] <= 3 && fair[3] == 30, "{fair:?}");
         // Six pairs and a repeat; no vote before both were seen.
         assert_eq!(of("early"), [["1", "of", "7"]]);
         assert!(of("apart")[0][0].parse::<usize>().unwrap() > 5 && of("apart")[0][1].parse::<f64>().unwrap() <= 1.0);

@@ -300,6 +300,11 @@ mod tests {
                 estimate.zip(before).is_none_or(|(a, b)| (a.value - b.value).abs() + (a.high - b.high).abs() < 1e-9);
             assert!(same, "{estimate:?} {before:?}");
         }
+        // Two groups that never met: within each it is known who is better, and not between them.
+        let mut apart = vec![vec![0.0; 4]; 4];
+        (apart[0][1], apart[1][0], apart[2][3], apart[3][2]) = (150.0, 50.0, 150.0, 50.0);
+        let first = strengths(&apart)[0].unwrap();
+        assert!(first.high - first.low > 3.0 && (first.value - 3f64.ln() / 2.0).abs() < 0.05, "{first:?}");
         assert!(strengths(&[]).is_empty() && strengths(&[vec![0.0]]) == [None]);
     }
 }

@@ -7,6 +7,8 @@ const at = (id) => document.getElementById(id);
 const GAP = 0.5;
 // Share of a video that must have been played before a vote.
 const WHOLE = 0.9;
+// Seconds that the right video may be away from the left one before it jumps.
+const LOST = 0.3;
 // Pairs between two repeats, and least pairs between a pair and its repeat.
 const REPEAT_EVERY = 7;
 const APART = 4;
@@ -79,7 +81,8 @@ const store = {
   key: `enliven-votes-${test.comparison}`,
   load() {
     try {
-      return JSON.parse(localStorage.getItem(this.key));
+      const state = JSON.parse(localStorage.getItem(this.key));
+      return Array.isArray(state.votes) && /^[0-9a-f]{16}$/.test(state.session) ? state : null;
     } catch {
       return null;
     }
@@ -104,19 +107,21 @@ function tell(text) {
   at("message").textContent = text;
 }
 
-// Two videos played by one clock, again and again.
+// Two videos played together, again and again. The right one keeps to the left one by its pace, not by jumps, which would be
+// seen; on a slow machine both take longer.
 class Pair {
-  constructor(whenSeen, whenBroken) {
+  constructor(whenChanged, whenBroken) {
     this.videos = [at("left"), at("right")];
     this.box = at("pair");
-    this.whenSeen = whenSeen;
+    this.whenChanged = whenChanged;
     this.turn = 0;
     for (const video of this.videos) video.addEventListener("error", () => video.getAttribute("src") && whenBroken());
-    document.addEventListener("visibilitychange", () => this.turn && this.scene && this.restart());
+    document.addEventListener("visibilitychange", () => this.scene && this.restart());
   }
 
-  async show({ scene, left, right }) {
+  show({ scene, left, right }) {
     this.scene = test.scenes[scene];
+    this.loaded = false;
     this.seen = false;
     this.box.style.setProperty("--ratio", this.scene.ratio);
     this.box.classList.add("hidden");
@@ -124,7 +129,7 @@ class Pair {
       this.videos[i].src = source;
       this.videos[i].load();
     });
-    await this.restart();
+    this.restart();
   }
 
   stop() {
@@ -142,6 +147,7 @@ class Pair {
     this.box.classList.add("hidden");
     for (const video of this.videos) {
       video.pause();
+      video.playbackRate = 1;
       video.currentTime = 0;
     }
     const ready = () => this.videos.every((video) => video.readyState >= 3 && !video.seeking);
@@ -149,45 +155,40 @@ class Pair {
       await new Promise((done) => setTimeout(done, 20));
       if (turn !== this.turn) return;
     }
+    this.loaded = true;
+    this.whenChanged();
     this.box.classList.remove("hidden");
-    const from = performance.now();
-    const tick = (now) => {
+    for (const video of this.videos) video.play().catch(() => {});
+    const tick = () => {
       if (turn !== this.turn) return;
-      const time = Math.max(0, (now - from) / 1000);
-      if (time < this.scene.seconds) {
-        for (const video of this.videos) this.follow(video, time);
-      } else {
-        this.rest(turn);
-        return;
-      }
-      requestAnimationFrame(tick);
+      if (this.step()) requestAnimationFrame(tick);
+      else this.rest(turn);
     };
     requestAnimationFrame(tick);
   }
 
-  rest(turn) {
-    this.box.classList.add("hidden");
-    for (const video of this.videos) video.pause();
-    if (!this.seen && this.videos.every((video) => played(video) >= WHOLE * this.scene.seconds)) {
-      this.seen = true;
-      this.whenSeen();
+  // Keeps both together; whether either still has something to show.
+  step() {
+    const [left, right] = this.videos;
+    const frame = 1 / this.scene.fps;
+    const over = (video) => video.ended || video.currentTime >= this.scene.seconds - frame / 2;
+    for (const video of this.videos) if (over(video) && !video.paused) video.pause();
+    if (!over(left) && !over(right) && !left.seeking && !right.seeking) {
+      const behind = left.currentTime - right.currentTime;
+      if (Math.abs(behind) > LOST) right.currentTime = left.currentTime;
+      const pace = Math.abs(behind) < frame / 4 ? 1 : 1 + Math.max(-0.1, Math.min(0.1, behind));
+      if (Math.abs(right.playbackRate - pace) > 0.005) right.playbackRate = pace;
     }
-    setTimeout(() => turn === this.turn && this.restart(), GAP * 1000);
+    return !over(left) || !over(right);
   }
 
-  // A little behind or ahead is caught up by pace, more by a jump.
-  follow(video, time) {
-    const frame = 1 / this.scene.fps;
-    const due = time + frame / 2;
-    if (due >= video.duration - frame / 2) {
-      if (!video.paused) video.pause();
-      return;
+  rest(turn) {
+    this.box.classList.add("hidden");
+    if (!this.seen && this.videos.every((video) => played(video) >= WHOLE * this.scene.seconds)) {
+      this.seen = true;
+      this.whenChanged();
     }
-    const behind = due - video.currentTime;
-    if (Math.abs(behind) > 0.75 * frame && !video.seeking) video.currentTime = due;
-    const pace = 1 + Math.max(-0.2, Math.min(0.2, behind * 2));
-    if (Math.abs(video.playbackRate - pace) > 0.01) video.playbackRate = pace;
-    if (video.paused) video.play().catch(() => {});
+    setTimeout(() => turn === this.turn && this.restart(), GAP * 1000);
   }
 }
 
@@ -248,6 +249,7 @@ class Sitting {
     at("tools").hidden = false;
     tell("");
     this.next();
+    at("vote").focus();
   }
 
   next() {
@@ -256,6 +258,8 @@ class Sitting {
     const over = done >= this.order.length;
     at("vote").hidden = over;
     at("end").hidden = !over;
+    at("question").hidden = over;
+    at("save").classList.toggle("main", over);
     at("skip").hidden = true;
     if (over) {
       this.pair.stop();
@@ -279,9 +283,9 @@ class Sitting {
 
   // Buttons keep the focus while they cannot be used.
   label() {
-    const ready = this.pair.seen;
+    const { loaded, seen: ready } = this.pair;
     for (const button of this.buttons) button.setAttribute("aria-disabled", String(!ready));
-    at("status").textContent = ready ? "Choose, or watch again." : "Watch both to the end…";
+    at("status").textContent = ready ? "Choose, or watch again." : loaded ? "Watch both to the end…" : "Loading…";
   }
 
   broken() {

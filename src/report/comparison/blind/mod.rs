@@ -1,16 +1,16 @@
 //! The blind test: videos without names for people to choose between, and what their votes say.
 //!
-//! [`key::Key::make`] gives every video a name that tells nothing, [`test_page::write`] makes the page that shows them in
+//! [`key::Key::make`] gives every video a name that tells nothing, [`write_page`] makes the page that shows them in
 //! pairs, [`votes`] reads what people chose, [`result::BlindTest`] is what follows.
 
 pub mod key;
 pub mod result;
 mod section;
-mod test_page;
 pub mod votes;
+mod voting_page;
 mod words;
 
 pub use key::{FOLDER, KEY, Key, PAGE};
 pub use result::BlindTest;
 pub(super) use section::section;
-pub use test_page::write as write_page;
+pub use voting_page::write as write_page;

@@ -1,5 +1,6 @@
 //! What the votes say: who won how often, how strong every row is, and whether the votes mean anything.
 
+use std::collections::btree_map::Entry;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -26,6 +27,8 @@ pub struct BlindTest {
     pub left: Option<Estimate>,
     /// Votes on videos that were made anew or left out since.
     pub outdated: usize,
+    /// Whether the page that people vote on still shows any of those.
+    pub stale: bool,
     /// Scene and row of those videos.
     pub replaced: BTreeSet<(String, String)>,
     /// The videos planted to be bad.
@@ -124,39 +127,36 @@ pub fn read(comparison: &Comparison, folder: &Path) -> Result<Option<BlindTest>>
     let mut ballots: Vec<Ballot> = votes::kept(folder, &key)?.into_values().collect();
     ballots.sort_by(|a, b| (&a.saved, &a.session).cmp(&(&b.saved, &b.session)));
     let now = key::names(comparison, folder)?;
-    Ok(Some(Tally::new(&key, &now, &ballots).result(comparison)))
+    let stale = key.videos.keys().any(|id| !now.contains_key(id));
+    Ok(Some(Tally::new(&key, &now, &ballots).result(comparison, stale)))
 }
 
 /// Votes sorted by what becomes of them.
+#[derive(Default)]
 struct Tally {
     voters: BTreeSet<String>,
     cast: Vec<Cast>,
     /// Whether each repeat agreed.
     agreed: Vec<bool>,
     replaced: BTreeSet<(String, String)>,
+    /// Which video somebody preferred of a pair, the first time; none where they could not tell.
+    preferred: BTreeMap<(String, [String; 2]), Option<String>>,
 }
 
 impl Tally {
     fn new(key: &Key, now: &BTreeMap<String, Named>, ballots: &[Ballot]) -> Self {
-        let mut tally =
-            Self { voters: BTreeSet::new(), cast: Vec::new(), agreed: Vec::new(), replaced: BTreeSet::new() };
-        // The winner of each pair that somebody has seen; none is a tie.
-        let mut seen: BTreeMap<(String, [String; 2]), Option<String>> = BTreeMap::new();
+        let mut tally = Self::default();
         for ballot in ballots {
             let voter = if ballot.voter.trim().is_empty() { &ballot.session } else { &ballot.voter };
             tally.voters.insert(voter.clone());
             for (i, vote) in ballot.votes.iter().enumerate() {
-                let named = [&vote.left, &vote.right].map(|id| key.named(id));
-                let [Some(left), Some(right)] = named else { continue };
-                let old =
-                    [(&vote.left, left), (&vote.right, right)].into_iter().filter(|(id, _)| !now.contains_key(*id));
-                let old: Vec<(String, String)> = old.map(|(_, n)| (n.scene.clone(), n.row.clone())).collect();
-                let used = if old.is_empty() {
-                    tally.count(voter, vote, &mut seen)
-                } else {
-                    tally.replaced.extend(old);
-                    Use::Outdated
-                };
+                let [Some(left), Some(right)] = [&vote.left, &vote.right].map(|id| key.named(id)) else { continue };
+                let used = tally.count(voter, vote, |id| now.contains_key(id));
+                if used == Use::Outdated {
+                    let old =
+                        [(&vote.left, left), (&vote.right, right)].into_iter().filter(|(id, _)| !now.contains_key(*id));
+                    tally.replaced.extend(old.map(|(_, named)| (named.scene.clone(), named.row.clone())));
+                }
                 tally.cast.push(Cast {
                     voter: ballot.voter.clone(),
                     session: ballot.session.clone(),
@@ -173,28 +173,31 @@ impl Tally {
         tally
     }
 
-    /// A first vote on a pair counts; later ones are compared with it.
-    fn count(&mut self, voter: &str, vote: &Vote, seen: &mut BTreeMap<(String, [String; 2]), Option<String>>) -> Use {
+    /// A first vote on a pair that is there counts; later ones are compared with it.
+    fn count(&mut self, voter: &str, vote: &Vote, is_there: impl Fn(&str) -> bool) -> Use {
+        if !is_there(&vote.left) || !is_there(&vote.right) {
+            return Use::Outdated;
+        }
         let mut pair = [vote.left.clone(), vote.right.clone()];
         pair.sort();
-        let winner = match vote.choice {
+        let preferred = match vote.choice {
             Choice::Left => Some(vote.left.clone()),
             Choice::Tie => None,
             Choice::Right => Some(vote.right.clone()),
         };
-        match seen.get(&(voter.to_owned(), pair.clone())) {
-            Some(before) => {
-                self.agreed.push(*before == winner);
+        match self.preferred.entry((voter.to_owned(), pair)) {
+            Entry::Occupied(before) => {
+                self.agreed.push(*before.get() == preferred);
                 Use::Repeat
             }
-            None => {
-                seen.insert((voter.to_owned(), pair), winner);
+            Entry::Vacant(first) => {
+                first.insert(preferred);
                 Use::Counted
             }
         }
     }
 
-    fn result(self, comparison: &Comparison) -> BlindTest {
+    fn result(&self, comparison: &Comparison, stale: bool) -> BlindTest {
         let counted = || self.cast.iter().filter(|cast| cast.used == Use::Counted);
         let of = |choice: Choice| self.cast.iter().filter(|cast| cast.choice == choice).count() as f64;
         let agreed = self.agreed.iter().filter(|agreed| **agreed).count();
@@ -214,6 +217,7 @@ impl Tally {
             pooled: Standing::new(comparison, counted()),
             scenes: scenes.map(standing).filter(|(_, standing)| !standing.rows.is_empty()).collect(),
             replaced: self.replaced.clone(),
+            stale,
             cast: self.cast.clone(),
         }
     }

@@ -26,9 +26,7 @@ pub fn section(test: &BlindTest) -> Markup {
                 (standing(&test.pooled, "all scenes"))
                 ul { @for remark in test.remarks() { li { (remark) } } }
                 @if test.scenes.len() > 1 {
-                    @for (scene, found) in &test.scenes {
-                        details { summary { (scene) " alone" } (standing(found, scene)) }
-                    }
+                    @for (scene, found) in &test.scenes { details { summary { "Only " (scene) } (standing(found, scene)) } }
                 }
                 p.small {
                     "Won: a tie is half a win for each; 95 % interval by Wilson. Strength: Bradley–Terry, the natural log of the odds against an "
@@ -43,8 +41,8 @@ pub fn section(test: &BlindTest) -> Markup {
 }
 
 fn standing(standing: &Standing, of: &str) -> Markup {
-    let rows = &standing.rows;
-    let bars: Vec<plot::Interval> = rows
+    let bars: Vec<plot::Interval> = standing
+        .rows
         .iter()
         .map(|row| plot::Interval {
             name: &row.name,
@@ -62,27 +60,70 @@ fn standing(standing: &Standing, of: &str) -> Markup {
                         tr {
                             th scope="col" { "Row" } th.number scope="col" { "Votes" } th.number scope="col" { "Won" }
                             th.number scope="col" { "Strength" }
-                            @for row in rows { th.number scope="col" { "over " (row.name) } }
                         }
                     }
-                    tbody { @for (i, row) in rows.iter().enumerate() { (line(standing, row, i)) } }
+                    tbody {
+                        @for row in &standing.rows {
+                            tr {
+                                (name(row))
+                                td.number { (row.votes) }
+                                td.number { (percent(row.won)) }
+                                td.number { (strength(row.strength)) }
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        (pairs(standing, of))
+    }
+}
+
+fn name(row: &Judged) -> Markup {
+    let what = match row.sort {
+        Sort::Frozen | Sort::Shuffled => Some("planted"),
+        Sort::Real => Some("real clip"),
+        Sort::Method => None,
+    };
+    html! { th scope="row" { (row.name) @if let Some(what) = what { " " small { (what) } } } }
+}
+
+/// How often every row was preferred to every other.
+fn pairs(standing: &Standing, of: &str) -> Markup {
+    let rows = &standing.rows;
+    html! {
+        details.pairs {
+            summary { "Who was preferred to whom, " (of) }
+            div.scroll tabindex="0" role="region" aria-label=(format!("Votes pair by pair, {of}")) {
+                table {
+                    thead {
+                        tr { th scope="col" { "Preferred" } @for row in rows { th.number scope="col" { "to " (row.name) } } }
+                    }
+                    tbody {
+                        @for (i, row) in rows.iter().enumerate() {
+                            tr {
+                                (name(row))
+                                @for (j, won) in row.over.iter().enumerate() {
+                                    @let met = won + rows[j].over[i];
+                                    td.number { @if met > 0.0 { (won) " of " (met) } @else { span.none { "–" } } }
+                                }
+                            }
+                        }
+                    }
                 }
             }
         }
     }
 }
 
-fn line(standing: &Standing, row: &Judged, i: usize) -> Markup {
-    html! {
-        tr {
-            th scope="row" { (row.name) @if row.sort.is_bad() { " " small { "planted" } } @if row.sort == Sort::Real { " " small { "real clip" } } }
-            td.number { (row.votes) }
-            td.number { (percent(row.won)) }
-            td.number { (strength(row.strength)) }
-            @for (j, won) in row.over.iter().enumerate() {
-                @let met = won + standing.rows[j].over[i];
-                td.number { @if met > 0.0 { (won) " of " (met) } @else { span.none { "–" } } }
-            }
-        }
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn without_votes_it_says_how_to_get_some() {
+        let section = section(&BlindTest::default()).into_string();
+        assert!(section.contains("nobody has voted yet") && section.contains("--votes FILE"), "{section}");
+        assert!(!section.contains("<table") && !section.contains("mean"), "{section}");
     }
 }

@@ -1,6 +1,6 @@
 //! The result in sentences and numbers for people.
 
-use super::result::{BlindTest, Planted};
+use super::result::{BlindTest, Judged, Planted};
 use crate::base::text::counted;
 use crate::measure::preference::Estimate;
 
@@ -58,6 +58,12 @@ impl BlindTest {
                 anew.join("; ")
             ));
         }
+        if self.stale {
+            remarks.push(
+                "The page that people vote on shows videos from before the last run; run it with --blind to renew it."
+                    .into(),
+            );
+        }
         remarks
     }
 
@@ -65,7 +71,7 @@ impl BlindTest {
     pub fn table(&self) -> Vec<String> {
         let width = self.pooled.rows.iter().map(|row| row.name.chars().count()).max().unwrap_or(0).max(3);
         let head = format!("  {:width$}  {:>5}  {:18}strength", "row", "votes", "won");
-        let line = |row: &super::result::Judged| {
+        let line = |row: &Judged| {
             format!("  {:width$}  {:>5}  {:18}{}", row.name, row.votes, percent(row.won), strength(row.strength))
         };
         if self.pooled.rows.is_empty() {
@@ -96,4 +102,39 @@ pub fn strength(strength: Estimate) -> String {
         format!("{sign}{:.1}", v.abs())
     };
     format!("{} ({} to {})", signed(strength.value), signed(strength.low), signed(strength.high))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::measure::preference::share;
+
+    fn planted(name: &str, won: f64, votes: usize) -> Planted {
+        Planted { name: name.into(), votes, won: share(won, votes as f64) }
+    }
+
+    #[test]
+    fn the_verdict_follows_from_what_was_planted() {
+        let verdict = |planted: Vec<Planted>| BlindTest { planted, ..BlindTest::default() }.verdict();
+        assert!(verdict(vec![]).contains("nothing tells whether"));
+        assert!(verdict(vec![planted("frozen", 0.0, 0)]).contains("nothing tells whether"));
+        let lost = verdict(vec![planted("frozen", 2.0, 20), planted("shuffled", 0.0, 4)]);
+        assert!(
+            lost.starts_with("The votes mean something") && lost.contains("frozen won 10 % (3–30) of 20 votes"),
+            "{lost}"
+        );
+        // Three lost votes may be chance.
+        let few = verdict(vec![planted("frozen", 2.0, 20), planted("shuffled", 0.0, 3)]);
+        assert!(
+            few.starts_with("These votes mean little") && few.contains("(shuffled won 0 % (0–56) of 3 votes)"),
+            "{few}"
+        );
+    }
+
+    #[test]
+    fn numbers_have_signs_where_they_need_them() {
+        let of = |value, low, high| strength(Estimate { value, low, high });
+        assert_eq!(of(0.34, -0.26, 0.94), "+0.3 (−0.3 to +0.9)");
+        assert_eq!(of(-0.04, -1.0, 0.0), "+0.0 (−1.0 to +0.0)");
+    }
 }

@@ -120,7 +120,7 @@ fn vote() -> Markup {
         }
     };
     html! {
-        section.screen id="vote" hidden aria-labelledby="question" {
+        section.screen id="vote" tabindex="-1" hidden aria-labelledby="question" {
             div.pair id="pair" { (side("left", "Left", "Upper")) (side("right", "Right", "Lower")) }
             p.status id="status" aria-live="polite" {}
             div.choices role="group" aria-labelledby="question" {
