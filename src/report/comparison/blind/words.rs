@@ -95,11 +95,11 @@ pub fn percent(share: Estimate) -> String {
     format!("{value} % ({low}–{high})")
 }
 
-/// "+0.3 (−0.2 to +0.8)".
+/// "+0.34 (−0.26 to +0.94)".
 pub fn strength(strength: Estimate) -> String {
     let signed = |v: f64| {
-        let sign = if v < -0.05 { "−" } else { "+" };
-        format!("{sign}{:.1}", v.abs())
+        let sign = if v < -0.005 { "−" } else { "+" };
+        format!("{sign}{:.2}", v.abs())
     };
     format!("{} ({} to {})", signed(strength.value), signed(strength.low), signed(strength.high))
 }
@@ -134,7 +134,7 @@ mod tests {
     #[test]
     fn numbers_have_signs_where_they_need_them() {
         let of = |value, low, high| strength(Estimate { value, low, high });
-        assert_eq!(of(0.34, -0.26, 0.94), "+0.3 (−0.3 to +0.9)");
-        assert_eq!(of(-0.04, -1.0, 0.0), "+0.0 (−1.0 to +0.0)");
+        assert_eq!(of(0.344, -0.26, 0.94), "+0.34 (−0.26 to +0.94)");
+        assert_eq!(of(-0.004, -1.0, 0.0), "+0.00 (−1.00 to +0.00)");
     }
 }
