@@ -7,7 +7,7 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::cli::common::say;
 use crate::report::comparison::blind::{BlindTest, KEY, Key, PAGE, result, votes, write_page};
-use crate::report::comparison::{Comparison, Sort};
+use crate::report::comparison::{Comparison, Row, Sort};
 
 /// A bad video that is mixed in to see whether votes mean anything.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -48,13 +48,9 @@ pub fn make(comparison: &Comparison, folder: &Path, planted: &[Plant], observer:
     };
     key.write(comparison, folder)?;
     write_page(comparison, &key, folder)?;
-    for scene in &comparison.scenes {
-        let bad =
-            |row: &&crate::report::comparison::Row| row.video.is_some() && row.sort.is_bad() && takes_part(row.sort);
-        if scene.rows.iter().find(bad).is_none() {
-            observer
-                .note(&format!("{}: no bad video takes part in the blind test; --plant shuffled adds one", scene.name));
-        }
+    let bad = |row: &Row| row.is_made() && row.sort.is_bad() && takes_part(row.sort);
+    for scene in comparison.scenes.iter().filter(|scene| !scene.rows.iter().any(bad)) {
+        observer.note(&format!("{}: no bad video takes part in the blind test; --plant shuffled adds one", scene.name));
     }
     observer.note(&format!(
         "{}: for people to vote on; give it away with the folder beside it",
