@@ -75,10 +75,10 @@ fn ratio(value: f64, typical: f64) -> Option<f64> {
 }
 
 /// Differences of consecutive frames, without the closing one; `None` when there are fewer than two.
-fn steps(footage: &Footage) -> Option<Vec<f64>> {
+fn steps(footage: &Footage) -> Option<&[f64]> {
     let frames = footage.frames();
-    (frames.len() >= 3)
-        .then(|| par::map(frames.len() - 1, |t| difference(&frames[t], &frames[t + 1], footage.inside())))
+    let one = |t: usize| difference(&frames[t], &frames[t + 1], footage.inside());
+    (frames.len() >= 3).then(|| &**footage.differences.get_or_init(|| par::map(frames.len() - 1, one)))
 }
 
 /// Mean absolute difference of the channels inside the matte, in [0, 1].
@@ -102,7 +102,7 @@ pub(super) fn worst_frames(footage: &Footage) -> Vec<(&'static str, usize)> {
     let closing = footage.loops().then(|| footage.frames().len() - 1);
     let found = [
         (LOOP_RATIO.name, closing),
-        (LARGEST_STEP_RATIO.name, steps(footage).and_then(|steps| after(&steps))),
+        (LARGEST_STEP_RATIO.name, steps(footage).and_then(after)),
         (CONTRAST_DIP.name, largest(&dull)),
         (FLICKER.name, after(&changes)),
     ];
@@ -110,13 +110,14 @@ pub(super) fn worst_frames(footage: &Footage) -> Vec<(&'static str, usize)> {
 }
 
 /// Contrast of each frame less the mean frame.
-fn contrasts(footage: &Footage) -> Option<Vec<f64>> {
+fn contrasts(footage: &Footage) -> Option<&[f64]> {
+    (footage.frames().len() >= 3).then(|| &**footage.contrasts.get_or_init(|| moving_contrasts(footage)))
+}
+
+fn moving_contrasts(footage: &Footage) -> Vec<f64> {
     let (luma, mean) = (footage.luma(), footage.mean());
-    if luma.len() < 3 {
-        return None;
-    }
     let (width, inside) = (footage.width(), footage.inside());
-    Some(par::map(luma.len(), |t| {
+    par::map(luma.len(), |t| {
         let mut moving = luma[t].clone();
         moving.data.iter_mut().zip(&mean.data).for_each(|(l, m)| *l -= m);
         let band = laplacian(&moving, 2).0.swap_remove(1);
@@ -124,7 +125,7 @@ fn contrasts(footage: &Footage) -> Option<Vec<f64>> {
         let values = places.filter(|&(x, y)| inside[2 * y * width + 2 * x]).map(|(x, y)| f64::from(band.at(x, y)));
         let (sum, count) = values.fold((0.0, 0usize), |(sum, n), v| (sum + v * v, n + 1));
         (sum / count.max(1) as f64).sqrt()
-    }))
+    })
 }
 
 /// Mean luma of each frame.
@@ -170,7 +171,8 @@ fn powers(series: &[f64], loops: bool) -> Vec<f64> {
 }
 
 /// The middle value, the upper one of two; 0 for none.
-fn median(mut values: Vec<f64>) -> f64 {
+fn median(values: &[f64]) -> f64 {
+    let mut values = values.to_vec();
     values.sort_unstable_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
 }

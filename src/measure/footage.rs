@@ -23,6 +23,10 @@ pub struct Footage {
     luma: OnceLock<Vec<Plane>>,
     mean: OnceLock<Plane>,
     pairs: OnceLock<Vec<Pair>>,
+    /// Differences of consecutive frames, see [`super::continuity`].
+    pub(super) differences: OnceLock<Vec<f64>>,
+    /// Contrasts of the moving part, see [`super::continuity`].
+    pub(super) contrasts: OnceLock<Vec<f64>>,
     /// Colour patches, see [`super::patches`].
     pub(super) colours: Kept<Sorted>,
     /// Space-time patches, see [`super::patches`].
