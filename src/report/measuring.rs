@@ -58,9 +58,23 @@ impl Measuring {
         let loops = request.loops || request.record.is_some_and(|record| record.scene.loops());
         let footage =
             Footage::new(video.frames, fps, loops, yardstick.matte()).map_err(|e| e.about(request.video.display()))?;
-        let measured = (footage.width(), footage.height());
+        Self::of(footage, size, request.record, yardstick, observer)
+    }
+
+    /// Frames in memory; those of their file would have `size`.
+    ///
+    /// # Errors
+    /// A reference that cannot be read or does not fit; a cancel.
+    pub fn of(
+        footage: Footage,
+        size: (usize, usize),
+        record: Option<&RunRecord>,
+        yardstick: &Yardstick,
+        observer: &dyn Observer,
+    ) -> Result<Self> {
+        let (measured, fps) = ((footage.width(), footage.height()), footage.fps());
         let fitted = yardstick.fitted(measured, fps, observer)?;
-        let known = Known::new(request.record, yardstick.asked(), measured, fps);
+        let known = Known::new(record, yardstick.asked(), measured, fps);
         let known = match yardstick.target() {
             Some((target, rate)) => known.with_target(target, rate / fps, measured)?,
             None => known,

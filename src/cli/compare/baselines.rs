@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use super::plan::Cell;
-use super::rows::{sliced, values};
+use super::rows::{figures, sliced, values};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
-use crate::base::rng;
+use crate::base::{par, rng};
 use crate::measure::footage::{LONG_SIDE, shrunk};
 use crate::measure::over_time::over_time;
 use crate::measure::read;
@@ -14,20 +14,35 @@ use crate::measure::{Footage, Subject, all};
 use crate::raster::image::Rgb8;
 use crate::raster::resample::resize_rgb8;
 use crate::report::comparison::Row;
+use crate::report::measuring::Measuring;
 use crate::report::yardstick::Yardstick;
-use crate::scene::file::SceneFile;
 use crate::scene::scene::Scene;
 use crate::video::sink::{self, FrameRate, SinkOptions};
 
-/// Writes the picture as a video in which nothing moves.
+/// Writes the picture as a video in which nothing moves, and measures it as it was before coding: quite still.
 ///
 /// # Errors
 /// A scene that cannot be read, a place that cannot be written to, a cancel.
-pub fn frozen(file: &SceneFile, video: &Path, observer: &dyn Observer) -> Result<()> {
-    let scene = Scene::new(file.clone())?;
-    let picture = scene.still(observer)?.picture;
-    let frames = std::iter::repeat_n(&picture, scene.settings().output.length());
-    write(video, frames, scene.settings().output.fps, observer)
+pub fn frozen(
+    row: Row,
+    fps: f32,
+    length: usize,
+    video: &Path,
+    yardstick: &Yardstick,
+    observer: &dyn Observer,
+) -> Result<Row> {
+    let Some(still) = yardstick.still() else { return Ok(row) };
+    write(video, std::iter::repeat_n(&still.picture, length), fps, observer)?;
+    let (width, height) = measured_size(still.map.output);
+    let frames = vec![resize_rgb8(&still.picture, width, height); length];
+    let footage = Footage::new(frames, fps, true, yardstick.matte())?;
+    let measuring = Measuring::of(footage, still.map.output, None, yardstick, observer)?;
+    figures(row, &measuring, video, yardstick, observer)
+}
+
+/// What the videos of a scene are measured at: MP4 holds even sizes only.
+fn measured_size((width, height): (usize, usize)) -> (usize, usize) {
+    shrunk((width.next_multiple_of(2), height.next_multiple_of(2)), LONG_SIDE)
 }
 
 /// Writes the frames of the row that `cell` shuffles, whose video is in `folder`, in an order by chance, each once.
@@ -65,10 +80,10 @@ fn write<'a>(video: &Path, frames: impl Iterator<Item = &'a Rgb8>, fps: f32, obs
 }
 
 /// Writes the real clip, as many frames as the others have where it is long enough, and measures its second half against
-/// its first: what no method can be expected to beat.
+/// its first: what no method can be expected to beat. A clip too short for that is shown only.
 ///
 /// # Errors
-/// A clip that cannot be read, or is too short; a cancel.
+/// A clip that cannot be read; a cancel.
 pub fn real(
     row: Row,
     fps: f32,
@@ -80,26 +95,33 @@ pub fn real(
     let Some(still) = yardstick.still() else { return Ok(row) };
     let (width, height) = still.map.output;
     // As the other videos are measured, so that the clip is read once.
-    let measured = shrunk((width.next_multiple_of(2), height.next_multiple_of(2)), LONG_SIDE);
-    let fitted = yardstick.fitted(measured, fps, observer)?;
+    let fitted = yardstick.fitted(measured_size((width, height)), fps, observer)?;
     let Some((path, clip)) = &fitted.reference else { return Ok(row) };
     let frames = clip.frames();
     // The scene's size and matte are right for a clip of the same camera only.
     let same = frames[0].width * height == frames[0].height * width;
     let (w, h) = if same { (width, height) } else { (frames[0].width, frames[0].height) };
     let shown: Vec<Rgb8> = frames.iter().take(length).map(|frame| resize_rgb8(frame, w, h)).collect();
-    write(video, shown.iter(), fps, observer)?;
     // As long as two turns of a loop.
     let line = sliced(clip, &frames[..frames.len().min(2 * length)], video, yardstick)?;
     let half = frames.len() / 2;
     if half < read::MIN_REFERENCE {
-        return Err(Error::file(Kind::Unusable, path, format!("it has {} frames at {fps} a second", frames.len()))
-            .allowed(format!("at least {} to measure one half against the other", 2 * read::MIN_REFERENCE)));
+        let (clip, least) = (path.display(), 2 * read::MIN_REFERENCE);
+        observer.note(&format!(
+            "{clip}: {} frames at {fps} a second are shown, but too few to measure one half against the other: {least} are needed",
+            frames.len()
+        ));
+        write(video, shown.iter(), fps, observer)?;
+        return Ok(Row { line: Some(line), ..row });
     }
     let matte = same.then_some(&still.matte);
     let (first, second) = frames.split_at(half);
     let footage = Footage::new(second[..half].to_vec(), fps, false, matte)?;
     let reference = Footage::new(first.to_vec(), fps, false, matte)?;
     let subject = Subject { reference: Some(&reference), ..Subject::new(&footage) };
-    Ok(Row { values: values(&all(&subject)), series: over_time(&subject), line: Some(line), ..row })
+    // One core writes while others measure.
+    let (written, (values, series)) =
+        par::join(|| write(video, shown.iter(), fps, observer), || (values(&all(&subject)), over_time(&subject)));
+    written?;
+    Ok(Row { values, series, line: Some(line), ..row })
 }

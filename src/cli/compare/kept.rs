@@ -1,5 +1,6 @@
 //! What a row was made from, and whether it still holds.
 
+use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{self, File};
 use std::io::{Read, Seek, SeekFrom};
@@ -18,21 +19,36 @@ const PART: u64 = 1 << 24;
 /// Letters of a hash that are written down.
 const LETTERS: usize = 16;
 
+/// Hashes of files and folders, each worked out once: most rows are made from the same.
+#[derive(Default)]
+pub struct Fingerprints(RefCell<BTreeMap<PathBuf, String>>);
+
+impl Fingerprints {
+    fn of(&self, path: &Path) -> Result<String> {
+        if let Some(known) = self.0.borrow().get(path) {
+            return Ok(known.clone());
+        }
+        let new = fingerprint(path)?;
+        self.0.borrow_mut().insert(path.to_owned(), new.clone());
+        Ok(new)
+    }
+}
+
 /// The program: its version, and its hash, since versions are rarer than changes.
 ///
 /// # Errors
 /// A program that cannot read itself.
-pub fn program() -> Result<String> {
+pub fn program(files: &Fingerprints) -> Result<String> {
     let path = std::env::current_exe().map_err(|e| Error::io(Path::new("the program"), "find", e))?;
-    Ok(format!("Enliven {} ({})", env!("CARGO_PKG_VERSION"), fingerprint(&path)?))
+    Ok(format!("Enliven {} ({})", env!("CARGO_PKG_VERSION"), files.of(&path)?))
 }
 
 /// What a row is made from, by name.
 ///
 /// # Errors
 /// A scene that is not sound; inputs that cannot be read.
-pub fn ingredients(cell: &Cell) -> Result<BTreeMap<String, String>> {
-    let mut all = BTreeMap::from([("the program".to_owned(), program()?)]);
+pub fn ingredients(cell: &Cell, files: &Fingerprints) -> Result<BTreeMap<String, String>> {
+    let mut all = BTreeMap::from([("the program".to_owned(), program(files)?)]);
     // Shuffled frames change with the row that they are from.
     let mut file = cell.shuffles.as_deref().unwrap_or(cell).settings()?;
     let mut read = Ok(());
@@ -40,7 +56,7 @@ pub fn ingredients(cell: &Cell) -> Result<BTreeMap<String, String>> {
     for_each_path(&mut file, |path| {
         if path.exists() {
             let name = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-            match fingerprint(path) {
+            match files.of(path) {
                 Ok(hash) => *all.entry(name.clone()).or_default() += &hash,
                 Err(error) => read = Err(error),
             }

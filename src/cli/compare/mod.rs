@@ -17,6 +17,7 @@ use crate::base::observe::{self, Observer, Once};
 use crate::cli::common::{counted, say};
 use crate::report::comparison::Comparison;
 use blind::Plant;
+use kept::Fingerprints;
 use plan::{Plan, PlannedScene};
 use progress::Progress;
 
@@ -101,7 +102,12 @@ impl Compare {
         let _lock = lock(&self.output)?;
         plan.write_scenes(&self.output)?;
         let scenes = plan.scenes.iter().map(PlannedScene::empty).collect();
-        let mut comparison = Comparison { program: kept::program()?, command: plan.command(), scenes, blind: None };
+        let mut comparison = Comparison {
+            program: kept::program(&Fingerprints::default())?,
+            command: plan.command(),
+            scenes,
+            blind: None,
+        };
         let outcome = self.make(&plan, &mut comparison, observer);
         let outcome = outcome.and_then(|in_methods| {
             if self.blind {
@@ -135,11 +141,11 @@ impl Compare {
     fn make(&self, plan: &Plan, comparison: &mut Comparison, observer: &dyn Observer) -> Result<f64> {
         // What is true of a scene is said once, not with every row.
         let listeners: Vec<Once> = plan.scenes.iter().map(|_| Once::new(observer)).collect();
-        let mut to_make = Vec::new();
+        let (mut to_make, files) = (Vec::new(), Fingerprints::default());
         for (s, c) in plan.cells() {
             observe::check(observer)?;
             let (scene, cell) = (&plan.scenes[s], &plan.scenes[s].cells[c]);
-            let mut found = rows::look(&self.output.join(&scene.name), cell);
+            let mut found = rows::look(&self.output.join(&scene.name), cell, &files);
             match found.kept.take() {
                 Some(row) => {
                     observer.note(&format!("{}, {}: kept, nothing has changed", scene.name, cell.name));

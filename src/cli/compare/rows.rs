@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use super::kept::Fingerprints;
 use super::plan::{Cell, PlannedScene};
 use super::{baselines, kept};
 use crate::base::error::{Error, Kind, Result};
@@ -28,8 +29,8 @@ pub struct Found {
 }
 
 /// Looks whether a row in its scene's `folder` still holds.
-pub fn look(folder: &Path, cell: &Cell) -> Found {
-    let made_from = kept::ingredients(cell);
+pub fn look(folder: &Path, cell: &Cell, files: &Fingerprints) -> Found {
+    let made_from = kept::ingredients(cell, files);
     let before = kept::load(folder, &cell.stem);
     let (kept, again) = match (&made_from, before) {
         (Ok(now), Some(before)) => {
@@ -94,10 +95,7 @@ fn make(folder: &Path, scene: &PlannedScene, cell: &Cell, observer: &dyn Observe
     let fps = Some(scene.fps());
     let address = |end: &str| Some(format!("{}/{}{end}", scene.name, cell.stem));
     let row = match cell.sort {
-        Sort::Frozen => {
-            baselines::frozen(&cell.file, &video, observer)?;
-            measured(empty, &Request { loops: true, fps, ..Request::new(&video) }, yardstick, observer)?
-        }
+        Sort::Frozen => baselines::frozen(empty, scene.fps(), scene.frames(), &video, yardstick, observer)?,
         Sort::Real => baselines::real(empty, scene.fps(), scene.frames(), &video, yardstick, observer)?,
         Sort::Shuffled => {
             baselines::shuffled(cell, folder, &video, observer)?;
@@ -117,9 +115,20 @@ fn make(folder: &Path, scene: &PlannedScene, cell: &Cell, observer: &dyn Observe
 /// A row with its figures: those that `enliven measure` prints, and those over time.
 fn measured(row: Row, request: &Request, yardstick: &Yardstick, observer: &dyn Observer) -> Result<Row> {
     let measuring = Measuring::read(request, yardstick, observer)?;
+    figures(row, &measuring, request.video, yardstick, observer)
+}
+
+/// A row with the figures of what was read.
+pub fn figures(
+    row: Row,
+    measuring: &Measuring,
+    video: &Path,
+    yardstick: &Yardstick,
+    observer: &dyn Observer,
+) -> Result<Row> {
     let values = values(&measuring.values(observer)?);
     let footage = &measuring.footage;
-    let line = sliced(footage, footage.frames(), request.video, yardstick)?;
+    let line = sliced(footage, footage.frames(), video, yardstick)?;
     let (series, subject) = (over_time(&measuring.subject()), measuring.subject());
     let worst = worst_frames(&subject, &series).into_iter().collect();
     Ok(Row { values, series, worst, line: Some(line), ..row })
