@@ -171,14 +171,23 @@ fn a_designed_target_is_compared_by_the_methods_that_take_one() {
 #[test]
 fn a_scene_is_shown_where_no_method_can_be_run() {
     let folder = studio();
-    succeed(folder.path(), "down.toml --methods database -o out");
+    let nothing = |line: &str| {
+        let output = run(folder.path(), line);
+        assert!(
+            output.status.code() == Some(1) && said(&output).contains("no method could be run"),
+            "{}",
+            said(&output)
+        );
+        said(&output)
+    };
+    nothing("down.toml --methods database -o out");
     let scene = results(&folder.path().join("out")).scenes.remove(0);
     assert!(scene.rows[2].failed.is_some() && scene.pictures.len() == 3, "{:?}", scene.pictures);
     // A picture that turns out to be damaged is told, and the comparison goes on.
     let mut damaged = fs::read(folder.path().join("matte.png")).unwrap();
     damaged.truncate(damaged.len() / 2);
     fs::write(folder.path().join("matte.png"), damaged).unwrap();
-    let told = succeed(folder.path(), "down.toml --methods advect -o damaged");
+    let told = nothing("down.toml --methods advect -o damaged");
     let scene = results(&folder.path().join("damaged")).scenes.remove(0);
     assert!(told.contains("down: ") && told.contains("matte.png"), "{told}");
     assert!(scene.pictures.is_empty() && scene.rows.iter().all(|row| row.failed.is_some()), "{scene:?}");
@@ -247,7 +256,14 @@ fn mistakes_are_named_before_any_work() {
     refuse("down.toml --sweep kwatra=3 -o out", &["METHOD.KEY=V1,V2"]);
     refuse("down.toml --sweep kwatra.lamda=3 -o out", &["kwatra.lamda", "did you mean \"lambda\"?"]);
     refuse("down.toml --methods advect --sweep kwatra.lambda=3 -o out", &["kwatra is not compared"]);
+    refuse("down.toml --sweep kwatra.lambda=0.1,0.2,0.1 -o out", &["names 0.1 twice"]);
+    refuse("down.toml --sweep kwatra.lambda=0.1 --sweep kwatra.lambda=0.2 -o out", &["kwatra.lambda is swept twice"]);
     refuse("down.toml --set kwatra.patch=4 -o out", &["kwatra.patch: 4 is out of range"]);
+    // What is not ours is not written over.
+    fs::create_dir(folder.path().join("site")).unwrap();
+    fs::write(folder.path().join("site/index.html"), "mine").unwrap();
+    refuse("down.toml --methods advect -o site", &["site: its index.html is not of a comparison", "-o"]);
+    assert_eq!(fs::read(folder.path().join("site/index.html")).unwrap(), b"mine");
     fs::create_dir(folder.path().join("busy")).unwrap();
     let lock = File::create(folder.path().join("busy/.lock")).unwrap();
     lock.lock().unwrap();

@@ -53,7 +53,7 @@ pub fn make(comparison: &Comparison, folder: &Path, planted: &[Plant], observer:
         observer.note(&format!("{}: no bad video takes part in the blind test; --plant shuffled adds one", scene.name));
     }
     observer.note(&format!(
-        "{}: for people to vote on; give it away with the folder beside it",
+        "{}: for people to vote on; give it away with the folder blind beside it, without blind-key.json",
         folder.join(PAGE).display()
     ));
     Ok(())

@@ -15,7 +15,8 @@ use std::time::Instant;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer, Once};
 use crate::cli::common::{counted, say};
-use crate::report::comparison::Comparison;
+use crate::report::comparison::{Comparison, Row};
+use crate::scene::scene::SCENE_FILE;
 use blind::Plant;
 use kept::Fingerprints;
 use plan::{Plan, PlannedScene};
@@ -28,7 +29,7 @@ pub struct Compare {
     #[arg(required_unless_present = "votes", value_name = "SCENE")]
     pub scenes: Vec<PathBuf>,
     /// Methods to compare [default: all]
-    #[arg(long, value_name = "METHOD,…", value_delimiter = ',')]
+    #[arg(long, value_name = "METHOD,…", value_delimiter = ',', value_parser = trimmed)]
     pub methods: Vec<String>,
     /// Values of an option to try one by one; may be given more than once, and all are combined
     #[arg(long, value_name = "METHOD.KEY=V1,V2,…")]
@@ -83,6 +84,10 @@ const MAKING: [&str; 11] = [
     "blind",
 ];
 
+fn trimmed(text: &str) -> std::result::Result<String, std::convert::Infallible> {
+    Ok(text.trim().to_owned())
+}
+
 /// Locked while a comparison writes into its folder.
 const LOCK: &str = ".lock";
 
@@ -98,6 +103,8 @@ impl Compare {
             return blind::read_votes(&self.votes, &self.output, observer);
         }
         let plan = Plan::new(self)?;
+        self.refuse_others_files()?;
+        plan.notes.iter().for_each(|note| observer.note(note));
         std::fs::create_dir_all(&self.output).map_err(|e| Error::io(&self.output, "make the folder", e))?;
         let _lock = lock(&self.output)?;
         plan.write_scenes(&self.output)?;
@@ -128,12 +135,28 @@ impl Compare {
         say!("{}: {}", self.output.join("index.html").display(), summary(&comparison));
         if in_methods > 0.0 {
             let around = start.elapsed().as_secs_f64() - in_methods;
-            observer.note(&format!(
-                "{in_methods:.1} s in methods; {around:.1} s ({:.0} %) to measure, and for what they are shown beside",
-                100.0 * around / in_methods
-            ));
+            observer
+                .note(&format!("{in_methods:.1} s in methods, {around:.1} s to measure and for the rows beside them"));
+        }
+        let asked = |row: &&Row| plan.methods.contains(&row.method);
+        let mut rows = comparison.scenes.iter().flat_map(|scene| &scene.rows).filter(asked).peekable();
+        if rows.peek().is_some() && rows.all(|row| row.failed.is_some()) {
+            let page = self.output.join("index.html");
+            return Err(Error::file(Kind::Unusable, &page, "no method could be run on any scene")
+                .remedy("it says why; most need a library, an exemplar or a direction"));
         }
         Ok(())
+    }
+
+    /// A folder that holds a page of something else, or a scene, is not written into.
+    fn refuse_others_files(&self) -> Result<()> {
+        let own = [LOCK, "results.json"].iter().any(|file| self.output.join(file).exists());
+        let found = ["index.html", "results.csv", SCENE_FILE].into_iter().find(|file| self.output.join(file).exists());
+        match found.filter(|_| !own) {
+            Some(file) => Err(Error::file(Kind::Usage, &self.output, format!("its {file} is not of a comparison"))
+                .remedy("name another folder with -o")),
+            None => Ok(()),
+        }
     }
 
     /// Takes up what is finished, makes the rest, and writes the page after every row. Gives the seconds that the methods

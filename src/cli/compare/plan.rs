@@ -26,7 +26,10 @@ const PLAIN: &str = "advect";
 pub struct Plan {
     /// The scenes.
     pub scenes: Vec<PlannedScene>,
-    methods: Vec<String>,
+    /// What to tell before it is made.
+    pub notes: Vec<String>,
+    /// The methods asked for.
+    pub methods: Vec<String>,
     sweep: Vec<String>,
     set: Vec<String>,
     blind: bool,
@@ -85,10 +88,24 @@ impl Plan {
     pub fn new(arguments: &Compare) -> Result<Self> {
         let methods = methods(&arguments.methods)?;
         let sweeps = arguments.sweep.iter().map(|text| Sweep::parse(text, &methods)).collect::<Result<Vec<_>>>()?;
+        let mut options = BTreeSet::new();
+        if let Some(twice) = sweeps.iter().find(|sweep| !options.insert((&sweep.method, &sweep.key))) {
+            let problem = format!("{}.{} is swept twice", twice.method, twice.key);
+            return Err(Error::new(Kind::Usage, "--sweep", problem).remedy("give all its values in one --sweep"));
+        }
         let planted = if arguments.plant.is_empty() { vec![Plant::Frozen] } else { arguments.plant.clone() };
-        let mut names = BTreeSet::new();
+        let (mut names, mut notes) = (BTreeSet::new(), Vec::new());
         let mut planned = |path: &PathBuf| -> Result<PlannedScene> {
             let file = arguments.scene(path)?;
+            let own = [
+                ("--library", !arguments.library.is_empty() && file.library != arguments.library),
+                ("--exemplar", arguments.exemplar.is_some() && file.exemplar != arguments.exemplar),
+            ];
+            notes.extend(
+                own.iter()
+                    .filter(|flag| flag.1)
+                    .map(|(flag, _)| format!("{}: {flag} is not used, the scene names its own", path.display())),
+            );
             let scene = Scene::new(file.clone()).map_err(|error| error.within(path))?;
             let output = scene.settings().output;
             let shape = (scene.frame_map().output, output.fps, output.length());
@@ -112,7 +129,7 @@ impl Plan {
         };
         let scenes = arguments.scenes.iter().map(&mut planned).collect::<Result<_>>()?;
         let (sweep, set) = (arguments.sweep.clone(), arguments.set.clone());
-        Ok(Self { scenes, methods, sweep, set, blind: arguments.blind, planted })
+        Ok(Self { scenes, notes, methods, sweep, set, blind: arguments.blind, planted })
     }
 
     /// Writes the scenes as they are run, for [`Plan::command`].
@@ -233,8 +250,14 @@ impl Sweep {
         if values.is_empty() {
             return Err(bad(format!("{text:?} names no value")).allowed("METHOD.KEY=V1,V2,…"));
         }
+        let mut seen = BTreeSet::new();
+        if let Some(twice) = values.iter().find(|value| !seen.insert(*value)) {
+            return Err(bad(format!("{text:?} names {twice} twice")).remedy("name every value once"));
+        }
         if !methods.iter().any(|name| name == method) {
-            return Err(bad(format!("{method} is not compared")).allowed(methods.join(", ")));
+            return Err(bad(format!("{method} is not compared"))
+                .allowed(methods.join(", "))
+                .remedy("add it to --methods"));
         }
         Ok(Self { method: method.to_owned(), key: key.to_owned(), values })
     }
@@ -263,7 +286,10 @@ fn cells(file: &SceneFile, scene: &Scene, methods: &[&String], sweeps: &[Sweep])
 
 /// A row that is no method's.
 fn baseline(file: &SceneFile, sort: Sort, name: &str) -> Cell {
-    let (file, point) = (file.clone(), Vec::new());
+    // Neither a library nor an exemplar makes such a row anew.
+    let file =
+        SceneFile { library: Vec::new(), without: Vec::new(), exemplar: None, exemplar_alpha: None, ..file.clone() };
+    let point = Vec::new();
     Cell { name: name.into(), stem: name.into(), sort, file, point, baseline: true, shuffles: None }
 }
 

@@ -9,6 +9,8 @@ const SOFT: f64 = 0.7;
 const GRAINY: f64 = 1.3;
 /// Contrast dip below which it pulses.
 const PULSES: f64 = 0.85;
+/// Slope of sharpness, 1/s, below which it washes out.
+const FADES: f64 = -0.05;
 /// Share of the frozen picture's dynamics distance from which a video hardly moves.
 const STILL: f64 = 0.9;
 
@@ -55,6 +57,11 @@ fn faults(scene: &SceneRows, row: &Row) -> Vec<Fault> {
         add(sharp < SOFT, "blur", seen(), &["warp error", "flicker", "seam ratio", "largest step ratio"][..]);
         add(sharp > GRAINY, "noise", seen(), &["contrast dip"]);
     }
+    if let Some(slope) = value("sharpness slope") {
+        // What merges into large flat parts that slide changes as strongly as real fluid, and is easily carried along.
+        let wins = &["dynamics distance", "dynamics shape distance", "direction error", "warp error", "flicker"];
+        add(slope < FADES, "washing out", format!("sharpness falls by {:.2} a second", -slope), wins);
+    }
     if let Some(dip) = value("contrast dip") {
         add(dip < PULSES, "a cross-fade", format!("contrast dips to {dip:.2}"), &["loop ratio"]);
     }
@@ -90,6 +97,16 @@ mod tests {
         assert!(has("soft is best in warp error, which blur wins"), "{told:?}");
         assert!(has("still is best in loop ratio, which standing still wins"), "{told:?}");
         assert!(!has("best in dynamics distance") && !has("frozen is"), "{told:?}");
+    }
+
+    #[test]
+    fn motion_won_by_washing_out_is_told() {
+        let fades = row("fades", Sort::Method, &[("dynamics distance", 0.01), ("sharpness slope", -0.1)]);
+        let lasts = row("lasts", Sort::Method, &[("dynamics distance", 0.02), ("sharpness slope", 0.0)]);
+        let told = cautions(&SceneRows { rows: vec![fades, lasts], ..SceneRows::default() });
+        let expected =
+            "fades is best in dynamics distance, which washing out wins: its sharpness falls by 0.10 a second.";
+        assert_eq!(told, [expected]);
     }
 
     #[test]
