@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::plan::Cell;
+use super::plan::{Cell, PlannedScene};
 use super::rows::{figures, sliced, values};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
@@ -15,7 +15,6 @@ use crate::raster::image::Rgb8;
 use crate::raster::resample::resize_rgb8;
 use crate::report::comparison::Row;
 use crate::report::measuring::Measuring;
-use crate::report::yardstick::Yardstick;
 use crate::scene::scene::Scene;
 use crate::video::sink::{self, FrameRate, SinkOptions};
 
@@ -23,14 +22,8 @@ use crate::video::sink::{self, FrameRate, SinkOptions};
 ///
 /// # Errors
 /// A scene that cannot be read, a place that cannot be written to, a cancel.
-pub fn frozen(
-    row: Row,
-    fps: f32,
-    length: usize,
-    video: &Path,
-    yardstick: &Yardstick,
-    observer: &dyn Observer,
-) -> Result<Row> {
+pub fn frozen(row: Row, scene: &PlannedScene, video: &Path, observer: &dyn Observer) -> Result<Row> {
+    let (yardstick, fps, length) = (scene.yardstick(observer)?, scene.fps(), scene.frames());
     let Some(still) = yardstick.still() else { return Ok(row) };
     write(video, std::iter::repeat_n(&still.picture, length), fps, observer)?;
     let (width, height) = measured_size(still.map.output);
@@ -84,14 +77,8 @@ fn write<'a>(video: &Path, frames: impl Iterator<Item = &'a Rgb8>, fps: f32, obs
 ///
 /// # Errors
 /// A clip that cannot be read; a cancel.
-pub fn real(
-    row: Row,
-    fps: f32,
-    length: usize,
-    video: &Path,
-    yardstick: &Yardstick,
-    observer: &dyn Observer,
-) -> Result<Row> {
+pub fn real(row: Row, scene: &PlannedScene, video: &Path, observer: &dyn Observer) -> Result<Row> {
+    let (yardstick, fps, length) = (scene.yardstick(observer)?, scene.fps(), scene.frames());
     let Some(still) = yardstick.still() else { return Ok(row) };
     let (width, height) = still.map.output;
     // As the other videos are measured, so that the clip is read once.

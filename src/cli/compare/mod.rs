@@ -108,14 +108,10 @@ impl Compare {
         std::fs::create_dir_all(&self.output).map_err(|e| Error::io(&self.output, "make the folder", e))?;
         let _lock = lock(&self.output)?;
         plan.write_scenes(&self.output)?;
-        let scenes = plan.scenes.iter().map(PlannedScene::empty).collect();
-        let mut comparison = Comparison {
-            program: kept::program(&Fingerprints::default())?,
-            command: plan.command(),
-            scenes,
-            blind: None,
-        };
-        let outcome = self.make(&plan, &mut comparison, observer);
+        let (files, scenes) = (Fingerprints::default(), plan.scenes.iter().map(PlannedScene::empty).collect());
+        let program = kept::program(&files)?;
+        let mut comparison = Comparison { program, command: plan.command(), scenes, blind: None };
+        let outcome = self.make(&plan, &mut comparison, &files, observer);
         let outcome = outcome.and_then(|in_methods| {
             if self.blind {
                 blind::make(&comparison, &self.output, &plan.planted, observer)?;
@@ -138,14 +134,7 @@ impl Compare {
             observer
                 .note(&format!("{in_methods:.1} s in methods, {around:.1} s to measure and for the rows beside them"));
         }
-        let asked = |row: &&Row| plan.methods.contains(&row.method);
-        let mut rows = comparison.scenes.iter().flat_map(|scene| &scene.rows).filter(asked).peekable();
-        if rows.peek().is_some() && rows.all(|row| row.failed.is_some()) {
-            let page = self.output.join("index.html");
-            return Err(Error::file(Kind::Unusable, &page, "no method could be run on any scene")
-                .remedy("it says why; most need a library, an exemplar or a direction"));
-        }
-        Ok(())
+        any_made(&plan, &comparison, &self.output)
     }
 
     /// A folder that holds a page of something else, or a scene, is not written into.
@@ -161,14 +150,20 @@ impl Compare {
 
     /// Takes up what is finished, makes the rest, and writes the page after every row. Gives the seconds that the methods
     /// took.
-    fn make(&self, plan: &Plan, comparison: &mut Comparison, observer: &dyn Observer) -> Result<f64> {
+    fn make(
+        &self,
+        plan: &Plan,
+        comparison: &mut Comparison,
+        files: &Fingerprints,
+        observer: &dyn Observer,
+    ) -> Result<f64> {
         // What is true of a scene is said once, not with every row.
         let listeners: Vec<Once> = plan.scenes.iter().map(|_| Once::new(observer)).collect();
-        let (mut to_make, files) = (Vec::new(), Fingerprints::default());
+        let mut to_make = Vec::new();
         for (s, c) in plan.cells() {
             observe::check(observer)?;
             let (scene, cell) = (&plan.scenes[s], &plan.scenes[s].cells[c]);
-            let mut found = rows::look(&self.output.join(&scene.name), cell, &files);
+            let mut found = rows::look(&self.output.join(&scene.name), cell, files);
             match found.kept.take() {
                 Some(row) => {
                     observer.note(&format!("{}, {}: kept, nothing has changed", scene.name, cell.name));
@@ -197,6 +192,18 @@ impl Compare {
         }
         Ok(in_methods)
     }
+}
+
+/// That none of the methods asked for could be run is a failure.
+fn any_made(plan: &Plan, comparison: &Comparison, folder: &Path) -> Result<()> {
+    let asked = |row: &&Row| plan.methods.contains(&row.method);
+    let mut rows = comparison.scenes.iter().flat_map(|scene| &scene.rows).filter(asked).peekable();
+    if rows.peek().is_some() && rows.all(|row| row.failed.is_some()) {
+        let page = folder.join("index.html");
+        return Err(Error::file(Kind::Unusable, &page, "no method could be run on any scene")
+            .remedy("it says why; most need a library, an exemplar or a direction"));
+    }
+    Ok(())
 }
 
 fn summary(comparison: &Comparison) -> String {

@@ -95,8 +95,8 @@ fn make(folder: &Path, scene: &PlannedScene, cell: &Cell, observer: &dyn Observe
     let fps = Some(scene.fps());
     let address = |end: &str| Some(format!("{}/{}{end}", scene.name, cell.stem));
     let row = match cell.sort {
-        Sort::Frozen => baselines::frozen(empty, scene.fps(), scene.frames(), &video, yardstick, observer)?,
-        Sort::Real => baselines::real(empty, scene.fps(), scene.frames(), &video, yardstick, observer)?,
+        Sort::Frozen => baselines::frozen(empty, scene, &video, observer)?,
+        Sort::Real => baselines::real(empty, scene, &video, observer)?,
         Sort::Shuffled => {
             baselines::shuffled(cell, folder, &video, observer)?;
             measured(empty, &Request { fps, ..Request::new(&video) }, yardstick, observer)?
