@@ -3,7 +3,7 @@
 use enliven::base::observe::{Observer, Silent};
 use enliven::base::options::Words;
 use enliven::base::{par, rng};
-use enliven::patch::channels::{Channel, Layout, Role};
+use enliven::patch::data::channels::{Channel, Layout, Role};
 use enliven::patch::engine::{Engine, Image, Settings, Target};
 use enliven::patch::rules::Rule;
 use enliven::patch::vote::Anchor;
@@ -106,7 +106,7 @@ fn where_alpha_is_nothing_nothing_is_made_and_edges_are_soft() {
     };
     let with = |w: usize, h: usize| Image { planes: vec![alpha(w, h)], blurred: Some(alpha(w, h)) };
     let source = engine.source(&[with(60, 60)]).unwrap();
-    let all = Target { image: with(90, 72), modulation: None, kept: None, anchor: None, previous: None };
+    let all = Target::new(with(90, 72));
     let frame = engine.frame(&source, &all, &Silent).unwrap();
     assert_eq!(frame.planes[0].at(3, 3), 0.0);
     assert!(frame.planes[0].at(45, 36) > 0.95);
@@ -198,20 +198,13 @@ fn a_field_carried_on_starts_the_next_frame_near_its_end() {
     let engine = chained(Rule::Uniform, 0.5);
     let exemplar = texture(48, 48, 0);
     let source = engine.source(&[image(vec![exemplar.clone(), exemplar])]).unwrap();
-    let first = Target {
-        image: image(vec![noise(64, 64); 2]),
-        modulation: Some(Plane::zeros(64, 64)),
-        kept: None,
-        anchor: None,
-        previous: None,
-    };
+    let first = Target { modulation: Some(Plane::zeros(64, 64)), ..target(vec![noise(64, 64); 2]) };
     let first = engine.frame(&source, &first, &Silent).unwrap();
     let before = &first.planes[0];
     let moved = Plane::from_fn(64, 64, |x, y| before.at(x.saturating_sub(1), y));
     let field = first.nnf.carried(|x, y| (x as f32 - 0.5, y as f32 + 0.5));
     let start = |previous| {
-        let second =
-            Target { image: image(vec![moved.clone(); 2]), modulation: None, kept: None, anchor: None, previous };
+        let second = Target { previous, ..target(vec![moved.clone(); 2]) };
         engine.frame(&source, &second, &Silent).unwrap().levels[0].energies[0]
     };
     assert!(start(Some(field)) < 0.8 * start(None));
@@ -303,10 +296,10 @@ fn turned_copies_are_sources_like_others() {
         assert_eq!(turn.planes[1].at(at.0, at.1), picture.planes[1].at(3, 1), "turned {k} times");
     }
     let source = engine.source(&turns).unwrap();
-    assert_eq!((source.atlas().images(), source.atlas().patches.count()), (4, 4 * 12 * 9));
+    assert_eq!((source.finest().images(), source.finest().count()), (4, 4 * 12 * 9));
     // More source than target patches: each is used once or not at all.
     let frame = engine.frame(&source, &Target::new(turns[1].clone()), &Silent).unwrap();
-    let usage = frame.nnf.usage(source.atlas());
+    let usage = frame.nnf.usage(source.finest());
     assert!(usage.iter().all(|&n| n <= 1) && usage.iter().sum::<u32>() == 12 * 9);
 }
 

@@ -7,9 +7,11 @@ use crate::base::error::{Error, Kind, Result};
 use crate::raster::image::Plane;
 
 /// Bytes of a row compared at a time.
-pub(super) const LANES: usize = 32;
-/// Most bytes that a row of a patch may have.
-pub(super) const MAX_ROW: usize = 4 * LANES;
+pub(in crate::patch) const LANES: usize = 32;
+/// Most channels; a row of a patch may have any number of lanes.
+pub const MAX_CHANNELS: usize = 64;
+/// Longest side of a patch.
+pub const MAX_SIDE: usize = 9;
 /// Largest weight of a channel in whole numbers: a difference of bytes times it still fits 16 bits.
 pub const MAX_WEIGHT: u32 = 128;
 /// Steps of the spatially varying weight; 0 switches the modulated channels off, this is their full weight.
@@ -44,9 +46,6 @@ impl Channel {
     }
 }
 
-/// Weights of one row of a patch, one number per byte; 0 beyond the patch.
-pub(super) type RowWeights = [i16; MAX_ROW];
-
 /// The channels of a method and the size of its patches.
 ///
 /// # Quantisation
@@ -60,8 +59,8 @@ pub struct Layout {
     radius: usize,
     /// Distance in whole numbers of a squared difference of 1 at weight 1.
     unit: f64,
-    /// For every step of the modulation.
-    weights: Vec<RowWeights>,
+    /// For every step of the modulation those of one row of a patch, one number a byte; 0 beyond the patch.
+    weights: Vec<i16>,
 }
 
 impl Layout {
@@ -69,7 +68,7 @@ impl Layout {
     ///
     /// # Errors
     /// A radius outside 1 to 4, no synthesised channel, one behind a guide, a weight that is negative or not finite, no
-    /// positive weight, or more channels than a row of [`MAX_ROW`] bytes holds.
+    /// positive weight, or more than [`MAX_CHANNELS`] channels.
     pub fn new(radius: usize, channels: Vec<Channel>) -> Result<Self> {
         let side = 2 * radius + 1;
         let refuse = |problem: String| Error::new(Kind::Usage, "patch channels", problem);
@@ -80,16 +79,15 @@ impl Layout {
         if synthesised == 0 || channels[synthesised..].iter().any(|c| c.role == Role::Synthesised) {
             return Err(refuse("the synthesised channels must come first, and there must be one".into()));
         }
-        if channels.len() * side > MAX_ROW {
-            return Err(refuse(format!("{} channels with patches of side {side}", channels.len()))
-                .allowed(format!("at most {}", MAX_ROW / side)));
+        if channels.len() > MAX_CHANNELS {
+            return Err(refuse(format!("{} channels", channels.len())).allowed(format!("at most {MAX_CHANNELS}")));
         }
         if let Some(bad) = channels.iter().find(|c| !(c.weight.is_finite() && c.weight >= 0.0)) {
             return Err(refuse(format!("the weight of {} is {}", bad.name, bad.weight)).allowed("0 or more"));
         }
         let scale = scale(channels.iter().map(|c| f64::from(c.weight)), side)
             .ok_or_else(|| refuse("all weights are 0".into()))?;
-        let weights = (0..=MODULATION).map(|step| row_weights(&channels, side, scale, step)).collect();
+        let weights = (0..=MODULATION).flat_map(|step| row_weights(&channels, side, scale, step)).collect();
         Ok(Self { channels, synthesised, radius, unit: scale * 255.0 * 255.0, weights })
     }
 
@@ -123,8 +121,17 @@ impl Layout {
         (energy * self.unit).round().clamp(0.0, f64::from(u32::MAX / 4)) as u32
     }
 
-    pub(super) fn weights(&self, step: u8) -> &RowWeights {
-        &self.weights[usize::from(step.min(MODULATION))]
+    /// Bytes of a row of a patch, in whole lanes.
+    #[inline]
+    pub(in crate::patch) fn row(&self) -> usize {
+        (self.side() * self.channels.len()).next_multiple_of(LANES)
+    }
+
+    /// Weights of one row of a patch at a step of the modulation.
+    #[inline]
+    pub(in crate::patch) fn weights(&self, step: u8) -> &[i16] {
+        let row = self.row();
+        &self.weights[usize::from(step.min(MODULATION)) * row..][..row]
     }
 }
 
@@ -146,8 +153,8 @@ fn scale(weights: impl Iterator<Item = f64>, side: usize) -> Option<f64> {
     candidates.min_by(|&a, &b| error(a).total_cmp(&error(b)).then(b.total_cmp(&a))).map(|top| top / largest)
 }
 
-fn row_weights(channels: &[Channel], side: usize, scale: f64, step: u8) -> RowWeights {
-    let mut row = [0; MAX_ROW];
+fn row_weights(channels: &[Channel], side: usize, scale: f64, step: u8) -> Vec<i16> {
+    let mut row = vec![0; (side * channels.len()).next_multiple_of(LANES)];
     for (i, w) in row[..side * channels.len()].iter_mut().enumerate() {
         let channel = &channels[i % channels.len()];
         let share = if channel.role == Role::Modulated { f64::from(step) / f64::from(MODULATION) } else { 1.0 };
@@ -165,14 +172,14 @@ pub struct Stack {
     pub height: usize,
     /// Bytes of a pixel.
     pub channels: usize,
-    /// `width * height * channels` bytes, and [`MAX_ROW`] more, so that rows may be read in whole lanes.
+    /// `width * height * channels` bytes, and some more, so that rows may be read in whole lanes.
     data: Vec<u8>,
 }
 
 impl Stack {
     /// All zeros.
     pub fn zeros(width: usize, height: usize, channels: usize) -> Self {
-        Self { width, height, channels, data: vec![0; width * height * channels + MAX_ROW] }
+        Self { width, height, channels, data: vec![0; width * height * channels + MAX_SIDE * channels + LANES] }
     }
 
     /// From planes of equal size with values in [0, 1], one per channel; values outside are clamped.
@@ -191,12 +198,35 @@ impl Stack {
         }
     }
 
+    /// Adds the rows of an image below, at the left edge; it must not be wider, and have as many channels.
+    pub(in crate::patch) fn append(&mut self, image: &Self) {
+        let (used, stride) = (self.height * self.stride(), self.stride());
+        self.data.truncate(used);
+        self.data.reserve_exact(image.height * stride + MAX_SIDE * self.channels + LANES);
+        for row in image.data[..image.height * image.stride()].chunks_exact(image.stride()) {
+            self.data.extend_from_slice(row);
+            self.data.resize(self.data.len() + stride - row.len(), 0);
+        }
+        self.height += image.height;
+        self.data.resize(self.data.len() + MAX_SIDE * self.channels + LANES, 0);
+    }
+
     /// The first `count` channels alone.
-    pub(super) fn first(&self, count: usize) -> Self {
+    pub(in crate::patch) fn first(&self, count: usize) -> Self {
         let mut first = Self::zeros(self.width, self.height, count);
         let pixels = first.bytes_mut().chunks_exact_mut(count).zip(self.data.chunks_exact(self.channels));
         pixels.for_each(|(to, from)| to.copy_from_slice(&from[..count]));
         first
+    }
+
+    /// The same with pairs of channels exchanged.
+    pub(in crate::patch) fn exchanged(&self, pairs: &[(usize, usize)]) -> Self {
+        let mut exchanged = self.clone();
+        let channels = self.channels;
+        for pixel in exchanged.bytes_mut().chunks_exact_mut(channels) {
+            pairs.iter().for_each(|&(a, b)| pixel.swap(a, b));
+        }
+        exchanged
     }
 
     /// Channel `c` in [0, 1].
@@ -212,19 +242,19 @@ impl Stack {
 
     /// Every byte, with the spare ones at the end.
     #[inline]
-    pub(super) fn bytes(&self) -> &[u8] {
+    pub(in crate::patch) fn bytes(&self) -> &[u8] {
         &self.data
     }
 
     /// The bytes of the image alone, to write.
-    pub(super) fn bytes_mut(&mut self) -> &mut [u8] {
+    pub(in crate::patch) fn bytes_mut(&mut self) -> &mut [u8] {
         let used = self.width * self.height * self.channels;
         &mut self.data[..used]
     }
 
     /// Bytes of a row.
     #[inline]
-    pub(super) fn stride(&self) -> usize {
+    pub(in crate::patch) fn stride(&self) -> usize {
         self.width * self.channels
     }
 }
@@ -243,7 +273,7 @@ mod tests {
     fn weights_of_lazyfluids_are_exact_and_others_nearly() {
         let layout = Layout::new(2, channels(&[1.0, 1.0, 1.0, 3.0, 3.0, 0.2, 0.2, 0.2, 0.6], Role::Guide)).unwrap();
         assert_eq!(layout.weights(MODULATION)[..9], [40, 40, 40, 120, 120, 8, 8, 8, 24]);
-        assert_eq!(layout.weights(0)[45..], [0; MAX_ROW - 45]);
+        assert_eq!(layout.weights(0)[45..], [0; 64 - 45]);
         let odd = [1.0f32, 0.73, 0.31, 0.11];
         let layout = Layout::new(1, channels(&odd, Role::Guide)).unwrap();
         for (w, &whole) in odd.iter().zip(layout.weights(0).iter()) {
@@ -274,7 +304,7 @@ mod tests {
     fn impossible_layouts_are_refused_by_name() {
         let message = |radius, all| Layout::new(radius, all).unwrap_err().to_string();
         assert!(message(0, channels(&[1.0], Role::Guide)).contains("1 to 4"));
-        assert!(message(2, channels(&[1.0; 26], Role::Guide)).contains("at most 25"));
+        assert!(message(2, channels(&[1.0; 65], Role::Guide)).contains("at most 64"));
         assert!(message(2, channels(&[0.0, 0.0], Role::Guide)).contains("all weights"));
         assert!(message(2, channels(&[1.0, f32::NAN], Role::Guide)).contains("NaN"));
         let mut late = channels(&[1.0, 1.0, 1.0], Role::Guide);

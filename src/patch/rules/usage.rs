@@ -1,10 +1,10 @@
 //! How often source patches are used, and how often they may be (LazyFluids, Eq. 5).
 
-use super::atlas::Place;
+use crate::patch::data::patches::Place;
 use super::leftovers;
-use super::level::Level;
-use super::nnf::{Cell, Nnf};
-use super::segments::SEGMENTS;
+use crate::patch::level::Level;
+use crate::patch::data::field::{Cell, Nnf};
+use crate::patch::data::segments::SEGMENTS;
 
 /// How often every source patch of a segment is to be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,32 +35,32 @@ impl Bounds {
     }
 }
 
-/// A constraint: the bounds of each segment, by its size in the target and in the source.
-pub(super) type Constraint = fn(usize, usize) -> Bounds;
+/// The bounds of each segment, by its size in the target and in the source.
+pub(super) type BoundsOf = fn(usize, usize) -> Bounds;
 
 /// A field whose places keep to bounds, with the count of every place.
 #[derive(Debug)]
 pub(super) struct Usage {
     /// Bounds by segment, in the order of [`SEGMENTS`].
     bounds: [Bounds; 2],
-    /// Uses of every pixel of the atlas.
+    /// Uses of every pixel of the source.
     counts: Vec<u32>,
 }
 
 impl Usage {
-    /// Makes `nnf` keep to the constraint: each place keeps its nearest patches, and what is let go is spread over the places
+    /// Makes `nnf` keep to the bounds: each place keeps its nearest patches, and what is let go is spread over the places
     /// that lack some. Distances of what changed are computed; the others must be known.
-    pub fn enforce(level: &Level, nnf: &mut Nnf, constraint: Constraint) -> Self {
-        let sizes = |s| (level.target.centres(s).len(), level.atlas.patches.centres(s).len());
-        let bounds = SEGMENTS.map(|s| constraint(sizes(s).0, sizes(s).1));
-        let mut usage = Self { bounds, counts: vec![0; level.atlas.patches.labels().len()] };
+    pub fn enforce(level: &Level, nnf: &mut Nnf, of: BoundsOf) -> Self {
+        let sizes = |s| (level.target.count_in(s), level.source.count_in(s));
+        let bounds = SEGMENTS.map(|s| of(sizes(s).0, sizes(s).1));
+        let mut usage = Self { bounds, counts: vec![0; level.source.labels().len()] };
         for segment in SEGMENTS {
             let free = usage.let_go(level, nnf, segment);
             let slots = usage.slots(level, segment, free.len());
             for (target, place) in leftovers::matched(level, free, slots) {
                 usage.counts[place.index()] += 1;
-                let distance = level.search().distance(target as usize, place);
-                nnf.cells[target as usize] = Cell { place, distance };
+                let distance = level.search().distance(target as usize, Cell::new(place, 0));
+                nnf.cells[target as usize] = Cell::new(place, distance);
             }
         }
         usage
@@ -70,7 +70,7 @@ impl Usage {
     /// returned in order.
     fn let_go(&mut self, level: &Level, nnf: &mut Nnf, segment: u8) -> Vec<u32> {
         let bounds = self.bounds(segment);
-        let targets = level.target.centres(segment);
+        let targets: Vec<u32> = level.target.centres(segment).collect();
         let mut order: Vec<(u32, u32)> = targets.iter().map(|&t| (nnf.cells[t as usize].distance, t)).collect();
         order.sort_unstable();
         let mut beyond = bounds.beyond;
@@ -86,13 +86,13 @@ impl Usage {
                 *cell = Cell::NONE;
             }
         }
-        targets.iter().copied().filter(|&t| nnf.cells[t as usize].place == Place::NONE).collect()
+        targets.into_iter().filter(|&t| nnf.cells[t as usize].place == Place::NONE).collect()
     }
 
     /// `count` places of a segment that may be used once more each: all that the least use asks for, the rest spread evenly.
     fn slots(&self, level: &Level, segment: u8, count: usize) -> Vec<Place> {
         let bounds = self.bounds(segment);
-        let centres = level.atlas.patches.centres(segment);
+        let centres: Vec<u32> = level.source.centres(segment).collect();
         let repeat = |c: &u32, n: u32| std::iter::repeat_n(Place(*c), n as usize);
         let used = |c: &u32| self.counts[*c as usize];
         let mut slots: Vec<Place> =
@@ -127,46 +127,57 @@ impl Usage {
 
 #[cfg(test)]
 mod tests {
-    use super::super::atlas::Atlas;
-    use super::super::channels::{Layout, Stack};
-    use super::super::rules::{Rule, Rules};
-    use super::super::segments::{BOUNDARY, INTERIOR, Patches, Thresholds, labels};
-    use super::super::testing::{assignment, grey_layout, grey_patches, texture};
-    use super::super::vote::Manner;
+    use super::super::Rule;
     use super::*;
     use crate::base::rng::{below, hash, unit};
+    use crate::patch::data::channels::{Layout, Stack};
+    use crate::patch::data::patches::Patches;
+    use crate::patch::data::segments::{BOUNDARY, INTERIOR, Thresholds, labels};
+    use crate::patch::terms::Pass;
+    use crate::patch::testing::{assignment, grey_layout, grey_patches, texture};
+    use crate::patch::vote::Manner;
     use crate::raster::image::Plane;
     use proptest::prelude::*;
 
-    fn level<'a>(layout: &'a Layout, atlas: &'a Atlas, target: Patches) -> Level<'a> {
+    fn level<'a>(layout: &'a Layout, source: &'a Patches, target: Patches) -> Level<'a> {
         Level {
             layout,
-            atlas,
-            colours: atlas.patches.stack.first(layout.synthesised()),
+            source: std::borrow::Cow::Borrowed(source),
+            colours: source.stack.first(layout.synthesised()),
             target,
+            swapped: None,
+            fixed: None,
             steps: None,
             anchor: None,
             coarsest: true,
             seed: 3,
+            terms: None,
+            pass: Pass::default(),
+            manner: Manner::Mean,
         }
     }
 
-    fn source(plane: Plane, blurred: Option<Plane>, radius: usize) -> Atlas {
-        Atlas::new(&[(vec![plane], blurred)], radius, Thresholds::default())
+    fn source(plane: Plane, blurred: Option<Plane>, radius: usize) -> Patches {
+        let labels = labels((plane.width, plane.height), radius, blurred.as_ref(), Thresholds::default());
+        Patches::new(Stack::from_planes(&[plane]), labels)
+    }
+
+    fn all(patches: &Patches, segment: u8) -> Vec<u32> {
+        patches.centres(segment).collect()
     }
 
     /// The field after `rounds` without voting.
     fn searched(level: &Level, rule: Rule, rounds: usize) -> Nnf {
-        let mut nnf = Nnf::random(&level.target, &level.atlas.patches, 5);
-        let mut rules = Rules::new(rule, 4, Manner::Mean);
-        (0..rounds).for_each(|round| rules.search(level, &mut nnf, round));
+        let mut nnf = Nnf::random(&level.target, &level.source, 5);
+        let mut rule = rule.constraint(4);
+        (0..rounds).for_each(|round| rule.search(level, &mut nnf, round));
         nnf
     }
 
     fn assert_uniform(level: &Level, nnf: &Nnf) {
-        let usage = nnf.usage(level.atlas);
+        let usage = nnf.usage(&level.source);
         for segment in SEGMENTS {
-            let (targets, sources) = (level.target.centres(segment), level.atlas.patches.centres(segment));
+            let (targets, sources) = (all(&level.target, segment), all(&level.source, segment));
             if targets.is_empty() || sources.is_empty() {
                 assert!(targets.iter().all(|&t| nnf.cells[t as usize].place == Place::NONE));
                 assert!(sources.iter().all(|&s| usage[s as usize] == 0));
@@ -177,8 +188,8 @@ mod tests {
             assert_eq!(sources.iter().map(|&s| usage[s as usize] as usize).sum::<usize>(), targets.len());
         }
         for (i, cell) in nnf.assigned() {
-            assert_eq!(level.target.labels()[i], level.atlas.patches.labels()[cell.place.index()]);
-            assert_eq!(cell.distance, level.search().distance(i, cell.place));
+            assert_eq!(level.target.labels()[i], level.source.labels()[cell.place.index()]);
+            assert_eq!(cell.distance, level.search().distance(i, cell));
         }
     }
 
@@ -195,21 +206,21 @@ mod tests {
                 (!shape.is_multiple_of(4)).then(|| Plane::from_fn(w, h, |x, y| blob(x, y).clamp(0.0, 1.0)))
             };
             let layout = grey_layout(1);
-            let atlas = source(texture(sw, sh, 0.0), alpha(sw, sh, 8), 1);
+            let source = source(texture(sw, sh, 0.0), alpha(sw, sh, 8), 1);
             let labels = labels((tw, th), 1, alpha(tw, th, 9).as_ref(), Thresholds::default());
             let target = Patches::new(Stack::from_planes(&[texture(tw, th, 17.0)]), labels);
-            let level = level(&layout, &atlas, target);
-            let mut nnf = Nnf::random(&level.target, &level.atlas.patches, shape);
-            let mut rules = Rules::new(Rule::Uniform, sweeps, Manner::Mean);
-            rules.search(&level, &mut nnf, 0);
+            let level = level(&layout, &source, target);
+            let mut nnf = Nnf::random(&level.target, &level.source, shape);
+            let mut rule = Rule::Uniform.constraint(sweeps);
+            rule.search(&level, &mut nnf, 0);
             assert_uniform(&level, &nnf);
-            rules.search(&level, &mut nnf, 1);
+            rule.search(&level, &mut nnf, 1);
             assert_uniform(&level, &nnf);
             let capped = searched(&level, Rule::Occurrence, 1);
             for segment in SEGMENTS {
-                let most = Bounds::occurrence(level.target.centres(segment).len(), atlas.patches.centres(segment).len()).most;
-                let usage = capped.usage(&atlas);
-                prop_assert!(atlas.patches.centres(segment).iter().all(|&s| usage[s as usize] <= most));
+                let most = Bounds::occurrence(level.target.count_in(segment), level.source.count_in(segment)).most;
+                let usage = capped.usage(&source);
+                prop_assert!(all(&source, segment).iter().all(|&s| usage[s as usize] <= most));
             }
         }
     }
@@ -217,22 +228,22 @@ mod tests {
     #[test]
     fn without_a_remainder_every_patch_is_used_equally_often() {
         let layout = grey_layout(1);
-        let atlas = source(texture(12, 12, 0.0), None, 1);
-        let level = level(&layout, &atlas, grey_patches(&texture(22, 22, 40.0), 1));
-        let usage = searched(&level, Rule::Uniform, 3).usage(&atlas);
-        assert!(atlas.patches.centres(INTERIOR).iter().all(|&s| usage[s as usize] == 4));
-        assert!(atlas.patches.centres(BOUNDARY).is_empty());
+        let source = source(texture(12, 12, 0.0), None, 1);
+        let level = level(&layout, &source, grey_patches(&texture(22, 22, 40.0), 1));
+        let usage = searched(&level, Rule::Uniform, 3).usage(&source);
+        assert!(all(&source, INTERIOR).iter().all(|&s| usage[s as usize] == 4));
+        assert!(all(&source, BOUNDARY).is_empty());
     }
 
     /// The least total distance under the constraint: `δ − K ∈ {0, 1}` as an assignment of patches, and of nobodies to what
     /// is left of the R places beyond K.
     fn optimum(level: &Level) -> f64 {
-        let (targets, sources) = (level.target.centres(INTERIOR), level.atlas.patches.centres(INTERIOR));
+        let (targets, sources) = (all(&level.target, INTERIOR), all(&level.source, INTERIOR));
         let bounds = Bounds::uniform(targets.len(), sources.len());
         let slots: Vec<(u32, bool)> =
             sources.iter().flat_map(|&s| (0..=bounds.least).map(move |k| (s, k == bounds.least))).collect();
         let cost = |row: usize, column: usize| match (targets.get(row), slots[column]) {
-            (Some(&t), (s, _)) => f64::from(level.search().distance(t as usize, Place(s))),
+            (Some(&t), (s, _)) => f64::from(level.search().distance(t as usize, Cell::new(Place(s), 0))),
             (None, (_, true)) => 0.0,
             (None, (_, false)) => 1e15,
         };
@@ -244,11 +255,11 @@ mod tests {
         let layout = grey_layout(2);
         // K = 2 with a remainder, nearly one to one, and K = 0.
         for (target, exemplar) in [((24, 22), (16, 15)), ((20, 18), (20, 19)), ((18, 18), (26, 24))] {
-            let atlas = source(texture(exemplar.0, exemplar.1, 0.0), None, 2);
-            let level = level(&layout, &atlas, grey_patches(&texture(target.0, target.1, 50.0), 2));
+            let source = source(texture(exemplar.0, exemplar.1, 0.0), None, 2);
+            let level = level(&layout, &source, grey_patches(&texture(target.0, target.1, 50.0), 2));
             let best = optimum(&level);
             let ours = searched(&level, Rule::Uniform, 20).total() as f64;
-            let mut by_chance = Nnf::random(&level.target, &atlas.patches, 1);
+            let mut by_chance = Nnf::random(&level.target, &source, 1);
             level.search().evaluate(&mut by_chance);
             assert!(ours >= best * 0.999 && ours <= best * 1.2, "{}", ours / best);
             assert!(by_chance.total() as f64 > 3.0 * ours);
@@ -258,14 +269,14 @@ mod tests {
     #[test]
     fn the_energy_never_rises_and_threads_do_not_change_it() {
         let layout = grey_layout(2);
-        let atlas = source(texture(40, 33, 0.0), None, 2);
-        let level = level(&layout, &atlas, grey_patches(&texture(70, 60, 50.0), 2));
+        let source = source(texture(40, 33, 0.0), None, 2);
+        let level = level(&layout, &source, grey_patches(&texture(70, 60, 50.0), 2));
         let run = |threads| {
             let totals = || {
-                let mut nnf = Nnf::random(&level.target, &atlas.patches, 5);
-                let mut rules = Rules::new(Rule::Uniform, 1, Manner::Mean);
+                let mut nnf = Nnf::random(&level.target, &source, 5);
+                let mut rule = Rule::Uniform.constraint(1);
                 let total = |round| {
-                    rules.search(&level, &mut nnf, round);
+                    rule.search(&level, &mut nnf, round);
                     nnf.total()
                 };
                 ((0..12).map(total).collect::<Vec<_>>(), nnf)

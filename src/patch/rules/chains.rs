@@ -1,12 +1,14 @@
 //! What patches wish for, and chains of wishes that come true together; see [`super::exchange`].
 
-use super::atlas::Place;
-use super::distance::Candidate;
+use crate::patch::data::patches::{Place, Windows};
+use crate::patch::data::pose::Upright;
+use crate::patch::distance::Candidate;
 use super::exchange::{Asked, NOBODY};
-use super::level::Level;
-use super::nnf::{Cell, Nnf};
-use super::patch_match::{Search, Sweep, Windows};
+use crate::patch::level::Level;
+use crate::patch::data::field::{Cell, Nnf};
+use crate::patch::patch_match::{Search, Sweep};
 use super::usage::Usage;
+use crate::patch::data::sites::Sites;
 use crate::base::rng;
 
 /// Most wishes of a chain.
@@ -103,7 +105,7 @@ impl State<'_> {
         self.search.distances(target, candidates, distances);
         offers.clear();
         let new = candidates.iter().zip(distances.iter());
-        let new = new.map(|(candidate, &distance)| Cell { place: Place(candidate.centre), distance });
+        let new = new.map(|(candidate, &distance)| Cell::new(Place(candidate.centre), distance));
         let known = (last.place != Place::NONE && last.place != held.place).then_some(last);
         offers.extend(new.filter(|cell| cell.place != last.place).chain(known).map(|cell| (cost(cell), cell)));
         offers.sort_unstable_by_key(|&(cost, cell)| (cost, cell.place));
@@ -142,7 +144,7 @@ impl State<'_> {
             }
             let limit = (left - least).min(i64::from(u32::MAX));
             if limit > 0
-                && let Some(closing) = self.search.distance_below(asked.holder as usize, held.place, limit as u32)
+                && let Some(closing) = self.search.distance_below(asked.holder as usize, held, limit as u32)
             {
                 best = Some(chain(left - i64::from(closing), false, closing, members));
             }
@@ -157,25 +159,29 @@ impl State<'_> {
     /// The neighbours' places moved by a pixel, and places at random round the held one.
     fn places(&self, target: usize, held: Place, before: Place, segment: u8, sweep: Sweep, out: &mut Vec<Candidate>) {
         out.clear();
-        let (from, to) = (self.level.target.stack.width as isize, self.level.atlas.patches.stack.width as isize);
-        let mut push = |place: isize| {
-            if place != held.0 as isize
-                && let Some(centre) = self.level.atlas.patches.in_segment(place, segment)
+        let source = &self.level.source;
+        let mut push = |centre: Option<u32>| {
+            if let Some(centre) = centre
+                && centre != held.0
                 && out.iter().all(|c| c.centre != centre)
             {
-                out.push(Candidate { centre, base: 0, step: self.search.step(target, centre) });
+                out.push(Candidate { centre, base: 0, step: self.search.step(target, centre), pose: Upright });
             }
         };
         let side = if sweep.backwards() { 1 } else { -1 };
         if before != Place::NONE {
-            push(before.0 as isize - side);
+            push(source.beside(before.0, (-side, 0), segment));
         }
-        for (here, there) in [(-side, -side), (-from, -to), (from, to)] {
-            let neighbour = usize::try_from(target as isize + here).ok().and_then(|i| self.nnf.cells.get(i));
-            if let Some(cell) = neighbour.filter(|cell| cell.place != Place::NONE) {
-                push(cell.place.0 as isize - there);
+        let [_, above] = self.level.target.neighbours(target, false);
+        let ([beside, _], [_, below]) =
+            (self.level.target.neighbours(target, !sweep.backwards()), self.level.target.neighbours(target, true));
+        for (neighbour, (x, y)) in [beside, above, below].into_iter().flatten() {
+            let cell = self.nnf.cells[neighbour];
+            if cell.place != Place::NONE {
+                push(source.beside(cell.place.0, (-x as isize, -y as isize), segment));
             }
         }
-        Windows::new(held, to as usize, sweep.reach, rng::mix(sweep.seed ^ rng::mix(target as u64))).for_each(push);
+        let chance = rng::mix(sweep.seed ^ rng::mix(target as u64));
+        Windows::new(held, source, sweep.reach, chance).for_each(|place| push(source.in_segment(place, segment)));
     }
 }

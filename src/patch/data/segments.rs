@@ -1,7 +1,5 @@
 //! Which pixels are centres of patches, and in which segment they lie (LazyFluids §4.2).
 
-use super::channels::Stack;
-use crate::base::rng;
 use crate::raster::image::Plane;
 
 /// Label of a pixel that is no patch centre: nearly transparent, or so near the border that its patch would leave the image.
@@ -51,62 +49,6 @@ pub fn labels(size: (usize, usize), radius: usize, blurred: Option<&Plane>, thre
     labels
 }
 
-/// An image and its patches.
-#[derive(Debug, Clone)]
-pub struct Patches {
-    /// The channels.
-    pub stack: Stack,
-    labels: Vec<u8>,
-    /// Centres of each segment in order of their pixel numbers.
-    centres: [Vec<u32>; 2],
-}
-
-impl Patches {
-    /// The patches of `stack` with one label a pixel, as [`labels`] gives them.
-    pub fn new(stack: Stack, labels: Vec<u8>) -> Self {
-        let centres = SEGMENTS.map(|s| (0..labels.len() as u32).filter(|&i| labels[i as usize] == s).collect());
-        Self { stack, labels, centres }
-    }
-
-    /// The label of every pixel.
-    pub fn labels(&self) -> &[u8] {
-        &self.labels
-    }
-
-    /// Pixel numbers of the patch centres in a segment, in order.
-    pub fn centres(&self, segment: u8) -> &[u32] {
-        &self.centres[usize::from(segment) - 1]
-    }
-
-    /// Number of patches.
-    pub fn count(&self) -> usize {
-        self.centres.iter().map(Vec::len).sum()
-    }
-
-    /// A patch of the segment, by chance; `None` where there is none.
-    pub(super) fn any(&self, segment: u8, chance: u64) -> Option<u32> {
-        let centres = self.centres(segment);
-        (!centres.is_empty()).then(|| centres[rng::below(chance, centres.len() as u64) as usize])
-    }
-
-    /// The patch at pixel number `at`, if it is of the segment.
-    #[inline]
-    pub(super) fn in_segment(&self, at: isize, segment: u8) -> Option<u32> {
-        (usize::try_from(at).ok().and_then(|i| self.labels.get(i)) == Some(&segment)).then_some(at as u32)
-    }
-
-    /// The same with the outline counted as interior.
-    pub(super) fn merged(&self) -> Self {
-        let labels = self.labels.iter().map(|&l| if l == NO_PATCH { l } else { INTERIOR }).collect();
-        Self::new(self.stack.clone(), labels)
-    }
-
-    /// Whether `other` has patches for every segment of this.
-    pub(super) fn is_served_by(&self, other: &Self) -> bool {
-        SEGMENTS.iter().all(|&s| self.centres(s).is_empty() || !other.centres(s).is_empty())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,10 +63,7 @@ mod tests {
             (row(4)[2], row(4)[3], row(4)[17], row(4)[18], row(4)[19]),
             (NO_PATCH, BOUNDARY, BOUNDARY, INTERIOR, NO_PATCH)
         );
-        let patches = Patches::new(Stack::zeros(21, 9, 1), labels);
-        assert_eq!((patches.centres(BOUNDARY).len(), patches.centres(INTERIOR).len()), (75, 5));
-        assert_eq!(patches.merged().centres(INTERIOR).len(), 80);
-        assert!(!patches.is_served_by(&patches.merged()) && patches.merged().is_served_by(&patches));
+        assert_eq!([BOUNDARY, INTERIOR].map(|s| labels.iter().filter(|&&l| l == s).count()), [75, 5]);
     }
 
     #[test]

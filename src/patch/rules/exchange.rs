@@ -10,13 +10,13 @@
 //! their chains at the same time, on any number of threads; then the chains are carried out one after the other, the best
 //! first, and the next batch sees it. So a good place spreads from row to row within one sweep.
 
-use super::atlas::Place;
+use crate::patch::data::patches::Place;
 use super::chains::{Chain, LONGEST, State};
-use super::level::Level;
-use super::nnf::{Cell, Nnf};
-use super::patch_match::Sweep;
-use super::segments::NO_PATCH;
-use super::usage::{Constraint, Usage};
+use crate::patch::level::Level;
+use crate::patch::data::field::{Cell, Nnf};
+use crate::patch::patch_match::Sweep;
+use crate::patch::data::segments::NO_PATCH;
+use super::usage::{BoundsOf, Usage};
 use crate::base::{par, rng};
 
 /// Pixels of a row that one thread goes through at a time.
@@ -69,12 +69,18 @@ pub(super) struct Exchange {
 }
 
 impl Exchange {
-    /// Makes `nnf` keep to the constraint, see [`Usage::enforce`].
-    pub fn new(level: &Level, nnf: &mut Nnf, constraint: Constraint) -> Self {
-        let usage = Usage::enforce(level, nnf, constraint);
+    /// Makes `nnf` keep to the bounds, see [`Usage::enforce`].
+    pub fn new(level: &Level, nnf: &mut Nnf, bounds: BoundsOf) -> Self {
+        let usage = Usage::enforce(level, nnf, bounds);
         let n = nnf.cells.len();
         let wishes = Nnf { width: nnf.width, cells: vec![Cell::NONE; n] };
         Self { usage, wishes, asked: Vec::new(), changed: vec![0; n], batch: 0 }
+    }
+
+    /// Bytes that it takes beside the field, for so many pixels of the target and of the source: what every patch wishes for
+    /// and when it changed; who is asked for a place, and how often it is used.
+    pub const fn bytes(targets: usize, sources: usize) -> usize {
+        (size_of::<Cell>() + size_of::<u32>()) * targets + (size_of::<Asked>() + size_of::<u32>()) * sources
     }
 
     /// Computes the distances of all wishes anew, when the images have changed.
@@ -124,7 +130,7 @@ impl Exchange {
             None => i64::from(self.wishes.cells[target].distance) - i64::from(cell.distance),
             Some(chance) => (rng::mix(chance ^ target as u64) >> 1) as i64,
         };
-        let labels = level.atlas.patches.labels();
+        let labels = level.source.labels();
         let room = |i: usize| labels[i] != NO_PATCH && self.usage.has_room(Place(i as u32), labels[i]);
         let nobody = |i: usize| Asked { holder: NOBODY, held: 0, wish: Cell::NONE, has_room: room(i) };
         let mut all: Vec<Asked> = (0..labels.len()).map(nobody).collect();
@@ -147,7 +153,7 @@ impl Exchange {
             return;
         }
         let first = nnf.cells[members[0] as usize].place;
-        let mut news = [Cell { place: first, distance: chain.closing }; LONGEST + 1];
+        let mut news = [Cell::new(first, chain.closing); LONGEST + 1];
         news[..length].copy_from_slice(&chain.wishes[..length]);
         if chain.to_room && !self.make_room(level, members[0], first, news[length - 1].place) {
             return;

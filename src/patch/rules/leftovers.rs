@@ -4,9 +4,9 @@
 //! other, and so on: a k-d tree over two sets at once. However far apart the last ones are, it takes the same time, while
 //! searches from place to patch (LazyFluids §4.1) need ever more rounds for ever fewer.
 
-use super::atlas::Place;
-use super::channels::{Layout, MODULATION, Stack};
-use super::level::Level;
+use crate::patch::data::patches::Place;
+use crate::patch::data::channels::{Layout, MODULATION, Stack};
+use crate::patch::level::Level;
 use crate::base::par;
 
 /// Below this size both halves are done on one thread.
@@ -24,7 +24,7 @@ pub(super) fn matched(level: &Level, targets: Vec<u32>, places: Vec<Place>) -> V
     let n = targets.len().min(places.len());
     let describe = |stack: &Stack, at: u32| Described { features: features(level.layout, stack, at as usize), at };
     let mut targets = par::map(n, |i| describe(&level.target.stack, targets[i]));
-    let mut places = par::map(n, |i| describe(&level.atlas.patches.stack, places[i].0));
+    let mut places = par::map(n, |i| describe(&level.source.stack, places[i].0));
     halve(&mut targets, &mut places);
     targets.iter().zip(&places).map(|(t, p)| (t.at, Place(p.at))).collect()
 }
