@@ -3,6 +3,7 @@
 
 pub mod atomic_file;
 pub mod error;
+pub mod instructions;
 pub mod matmul;
 pub mod observe;
 pub mod options;

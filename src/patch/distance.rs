@@ -4,9 +4,10 @@
 //! are compared with one patch in a call, so that what is chosen at run time (the instruction set, the shape of the patch)
 //! is chosen once, and each candidate is given up after its first two rows if those are already too far.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::channels::{LANES, Layout, RowWeights, Stack};
+use crate::base::instructions::kernel;
 
 /// A patch that may be nearer than the best so far.
 #[derive(Debug, Clone, Copy)]
@@ -114,7 +115,7 @@ impl Kernels {
 }
 
 /// The distances of all candidates; the rows as in [`nearest`].
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn all<const K: usize, const TAIL: usize>(
     patch: &Patch,
     candidates: &[Candidate],
@@ -132,7 +133,7 @@ fn all<const K: usize, const TAIL: usize>(
 }
 
 /// `K` runs of lanes a row; two rows, and if need be `TAIL` more.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn nearest<const K: usize, const TAIL: usize>(
     patch: &Patch,
     candidates: &[Candidate],

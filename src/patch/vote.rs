@@ -1,11 +1,12 @@
 //! Voting: every pixel becomes the mean, or the median, of what the patches over it have there (Wexler et al. 2007).
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::atlas::Place;
 use super::channels::{Layout, Stack};
 use super::completeness::Votes;
 use super::nnf::{Cell, Nnf};
+use crate::base::instructions::kernel;
 use crate::base::options::Words;
 use crate::base::par;
 use crate::raster::image::Plane;
@@ -244,7 +245,7 @@ impl Vote<'_> {
 
 /// Adds the patches over row `y` to `sums`, and their weights to `totals`. A row of a patch has `N` bytes, or any number
 /// where `N` is 0.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn add_patches<const N: usize>(vote: &Vote, y: usize, sums: &mut [f32], totals: &mut [f32]) {
     let (channels, side) = (vote.channels, 2 * vote.radius + 1);
     let length = if N > 0 { N } else { side * channels };
