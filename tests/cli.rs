@@ -575,6 +575,96 @@ fn videos_are_written_with_their_scene_and_summary() {
     assert!(scene.contains("direction = 90") && !scene.contains("orientation"), "{scene}");
 }
 
+#[test]
+fn nothing_that_a_person_made_is_written_over() {
+    let folder = studio();
+    let at = |name: &str| folder.path().join(name);
+    let animate = |line: &str| stderr(&succeed(folder.path(), &format!("enliven animate {line}")));
+    let wrong = |line: &str, parts: &[&str]| refuse(folder.path(), &format!("enliven animate {line}"), USAGE, parts);
+    let mine = "# by hand\npicture = 'picture.png'\nmethod = 'advect'\n[motion]\ndirection = 90\n[output]\nframes = 6\n";
+    let person = [("x.scene.toml", mine), ("x.summary.json", "{}"), ("x.preview.png", "a picture")];
+    person.iter().for_each(|(name, text)| fs::write(at(name), text).unwrap());
+    let unchanged = || person.iter().for_each(|(name, text)| assert_eq!(fs::read_to_string(at(name)).unwrap(), *text));
+
+    // A person's files stay, whether they are read or not; a run writes beside them and replaces what it knows as its own.
+    for line in ["x.scene.toml", "./x.scene.toml --preview", "picture.png --direction 90 --method advect --frames 6"] {
+        let said = animate(&format!("{line} -o x.gif"));
+        assert!(said.contains("x.scene.toml: stays as it is; this run writes x.run.scene.toml"), "{said}");
+        unchanged();
+    }
+    assert!(at("x.run.preview.png").exists() && !at("x.run2.scene.toml").exists());
+    let measured: Value = serde_json::from_slice(&succeed(folder.path(), "enliven measure x.gif --json").stdout).unwrap();
+    assert_eq!(measured["loops"], true);
+
+    // What it wrote itself is an input when it is run, and a person's file when it was changed.
+    let run = fs::read(at("x.run.scene.toml")).unwrap();
+    animate("x.run.scene.toml -o x.gif");
+    assert!(fs::read(at("x.run.scene.toml")).unwrap() == run && at("x.run2.scene.toml").exists());
+    let edited = fs::read_to_string(at("x.run2.scene.toml")).unwrap() + "# mine now\n";
+    fs::write(at("x.run2.scene.toml"), &edited).unwrap();
+    animate("x.run.scene.toml -o x.gif");
+    assert!(at("x.run3.scene.toml").exists() && fs::read_to_string(at("x.run2.scene.toml")).unwrap() == edited);
+
+    // Videos and frames without a record, and frames that are read.
+    let advect = "--direction 90 --method advect --frames 6";
+    fs::write(at("filmed.mp4"), "a film").unwrap();
+    wrong(&format!("picture.png {advect} -o filmed.mp4"), &["filmed.mp4: is there already, and no filmed.summary.json"]);
+    animate(&format!("picture.png {advect} -o frames"));
+    animate(&format!("picture.png {advect} -o frames"));
+    wrong(&format!("frames/00001.png {advect} -o frames"), &["frames/00001.png: is read for this", "-o"]);
+    fs::remove_file(at("frames.summary.json")).unwrap();
+    wrong(&format!("picture.png {advect} -o frames"), &["frames: is there already"]);
+
+    // A page of somebody else's where the report would go, and a picture that was painted over.
+    fs::create_dir(at("site")).unwrap();
+    fs::write(at("site/index.html"), "mine").unwrap();
+    wrong(&format!("picture.png {advect} -o y.gif --report site"), &["site/index.html: was not written by enliven"]);
+    animate(&format!("picture.png {advect} -o y.gif --report page"));
+    animate(&format!("picture.png {advect} -o y.gif --report page"));
+    write_png(&at("page/motion.png"), &read_picture(&at("picture.png")).unwrap().rgb).unwrap();
+    wrong(&format!("picture.png {advect} -o y.gif --report page"), &["page/motion.png", "changed since", "move it away"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn links_to_what_is_read_are_not_written_over() {
+    let folder = studio();
+    let at = |name: &str| folder.path().join(name);
+    std::os::unix::fs::symlink("picture.png", at("link.png")).unwrap();
+    fs::hard_link(at("picture.png"), at("twin.png")).unwrap();
+    for name in ["link.png", "twin.png", "./picture.png"] {
+        let line = format!("enliven animate picture.png --direction 90 --method advect -o {name}");
+        refuse(folder.path(), &line, USAGE, &["picture.png: is read for this and would be written over"]);
+    }
+}
+
+#[test]
+fn the_names_of_clips_that_a_person_changed_stay_and_galleries_replace_only_galleries() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    common::write_clip(&at("a.y4m"), 10);
+    let build = || stderr(&succeed(folder.path(), "enliven-db build a.y4m -o l.pack --stride 16"));
+    build();
+    assert!(!build().contains("names.toml"));
+    let names = fs::read_to_string(at("l.pack.names.toml")).unwrap().replace("a.y4m", "the fall");
+    fs::write(at("l.pack.names.toml"), &names).unwrap();
+    assert!(build().contains("l.pack.names.toml: was not written by enliven, or was changed since"));
+    assert_eq!(fs::read_to_string(at("l.pack.names.toml")).unwrap(), names);
+    for _ in 0..2 {
+        succeed(folder.path(), "enliven-db gallery l.pack");
+    }
+    fs::write(at("l.gallery/index.html"), "mine").unwrap();
+    refuse(folder.path(), "enliven-db gallery l.pack", USAGE, &["l.gallery/index.html", "is not written over"]);
+}
+
+#[test]
+fn a_demo_goes_into_a_folder_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("falls.mp4"), "a film").unwrap();
+    refuse(folder.path(), "enliven demo -o .", USAGE, &["holds other things than an earlier demo"]);
+    assert_eq!(tree(folder.path()).len(), 1);
+}
+
 fn the_page_tells_what_the_summary_holds(report: &Path) {
     let page = fs::read_to_string(report.join("index.html")).unwrap();
     let sources: Vec<&str> = page.split("src=\"").skip(1).map(|s| s.split('"').next().unwrap()).collect();
@@ -582,7 +672,7 @@ fn the_page_tells_what_the_summary_holds(report: &Path) {
     assert!(sources.iter().all(|name| report.join(name).is_file()), "{sources:?}");
     let summary = fs::read_to_string(report.join("summary.json")).unwrap();
     let record: RunRecord = serde_json::from_str(&summary).unwrap();
-    assert_eq!(to_json(&record).unwrap(), summary);
+    assert!(summary.ends_with(&to_json(&record).unwrap()[2..]), "all but the mark");
     for clip in &record.assignment.as_ref().unwrap().clips {
         assert!(page.contains(&clip.clip) && page.contains(&format!("{:.1} %", 100.0 * clip.share)), "{page}");
     }

@@ -96,6 +96,34 @@ fn the_command_tells_what_it_did_and_refuses_with_a_code() {
 }
 
 #[test]
+fn what_a_person_made_stays() {
+    let (folder, path) = folder(SMOKE);
+    let out = folder.path().join("out");
+    let run = |file: &Path| simulate(&Setup::open(file).unwrap(), &out, &Silent).map_err(|e| e.to_string());
+    // Run in its own place, again and again, a file stays the very same, and so do its masks.
+    fs::create_dir_all(out.join("masks")).unwrap();
+    let (mine, mask) = (out.join("sim.toml"), out.join("masks/obstacle-7.png"));
+    fs::write(&mine, SMOKE.replace("rock.png", "masks/obstacle-7.png")).unwrap();
+    fs::copy(folder.path().join("rock.png"), &mask).unwrap();
+    let before = [&mine, &mask].map(|path| fs::read(path).unwrap());
+    for file in [mine.clone(), folder.path().join("out/../out/sim.toml")] {
+        run(&file).unwrap();
+        assert!([&mine, &mask].map(|path| fs::read(path).unwrap()) == before);
+        assert!(out.join("flow/00003.flo").is_file());
+    }
+    // Another simulation does not replace it, nor frames of a target from elsewhere.
+    let error = run(&path).unwrap_err();
+    assert!(error.contains("sim.toml: was not written by enliven"), "{error}");
+    fs::remove_file(&mine).unwrap();
+    run(&path).unwrap();
+    run(&path).unwrap();
+    fs::remove_file(out.join("summary.json")).unwrap();
+    let error = run(&path).unwrap_err();
+    assert!(error.contains("holds flow, which enliven simulate did not write"), "{error}");
+    assert!(out.join("flow/00003.flo").is_file());
+}
+
+#[test]
 fn water_has_heights() {
     let (folder, path) = folder(WATER);
     let out = folder.path().join("out");

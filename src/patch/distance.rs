@@ -4,11 +4,12 @@
 //! are compared with one patch in a call, so that what is chosen at run time (the instruction set, the shape of the patch)
 //! is chosen once, and each candidate is given up after its first two rows if those are already too far.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::data::channels::{LANES, Layout, MAX_SIDE, Stack};
 use super::data::patches::{Patches, Place, gather};
 use super::data::pose::{Matrix, Upright};
+use crate::base::instructions::kernel;
 
 /// A patch that may be nearer than the best so far.
 #[derive(Debug, Clone, Copy)]
@@ -127,7 +128,7 @@ impl<P: Copy> Kernels<P> {
 }
 
 /// The distances of all candidates; the rows as in [`nearest`].
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn all<P: Copy, const K: usize, const TAIL: usize>(
     patch: &Patch,
     candidates: &[Candidate<P>],
@@ -145,7 +146,7 @@ fn all<P: Copy, const K: usize, const TAIL: usize>(
 }
 
 /// `K` runs of lanes a row; two rows, and if need be `TAIL` more.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn nearest<P: Copy, const K: usize, const TAIL: usize>(
     patch: &Patch,
     candidates: &[Candidate<P>],
@@ -169,7 +170,7 @@ fn nearest<P: Copy, const K: usize, const TAIL: usize>(
 }
 
 /// As [`all`], for patches of any shape.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn all_of_any<P: Copy>(patch: &Patch, candidates: &[Candidate<P>], layout: &Layout, out: &mut Vec<u32>) {
     for candidate in candidates {
         out.push(candidate.base + whole(patch, candidate.centre, layout.weights(candidate.step), layout.side()));
@@ -177,7 +178,7 @@ fn all_of_any<P: Copy>(patch: &Patch, candidates: &[Candidate<P>], layout: &Layo
 }
 
 /// As [`nearest`], for patches of any shape.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn nearest_of_any<P: Copy>(
     patch: &Patch,
     candidates: &[Candidate<P>],

@@ -1,12 +1,13 @@
 //! Voting: every pixel becomes the mean, or the median, of what the patches over it have there (Wexler et al. 2007).
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::data::channels::{Layout, MAX_SIDE, Stack};
 use super::data::field::{Cell, Nnf};
 use super::data::patches::{Patches, Place, Sampler};
 use super::data::pose::{Pose, Upright};
 use super::data::sites::{BAND, Sites};
+use crate::base::instructions::kernel;
 use crate::base::options::Words;
 use crate::base::par;
 use crate::raster::image::Plane;
@@ -339,7 +340,7 @@ impl<P: Pose> Vote<'_, P> {
 
 /// Adds the patches over row `y` to `sums`, and their weights to `totals`. A row of a patch has `N` bytes, or any number
 /// where `N` is 0.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn add_patches<P: Pose, const N: usize>(vote: &Vote<P>, y: usize, sums: &mut [f32], totals: &mut [f32]) {
     let (channels, side) = (vote.channels, 2 * vote.radius + 1);
     let length = if N > 0 { N } else { side * channels };

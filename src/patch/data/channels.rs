@@ -203,7 +203,7 @@ impl Stack {
         let (used, stride) = (self.height * self.stride(), self.stride());
         self.data.truncate(used);
         self.data.reserve_exact(image.height * stride + MAX_SIDE * self.channels + LANES);
-        for row in image.data[..image.height * image.stride()].chunks_exact(image.stride()) {
+        for row in image.data[..image.height * image.stride()].chunks_exact(image.stride().max(1)) {
             self.data.extend_from_slice(row);
             self.data.resize(self.data.len() + stride - row.len(), 0);
         }
