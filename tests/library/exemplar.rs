@@ -1,8 +1,5 @@
 //! Methods that borrow looks from an exemplar: which exemplars, which patches, what motion, what is refused.
 
-#[path = "common/keep.rs"]
-mod keep;
-
 use std::path::PathBuf;
 
 use enliven::base::error::{Error, Result};
@@ -14,7 +11,8 @@ use enliven::raster::image::{Color, Plane, Rgb8};
 use enliven::raster::picture_io::{write_grey_png, write_png};
 use enliven::scene::scene::{Scene, open};
 use enliven::synth::{Outcome, run};
-use keep::Keep;
+
+use crate::keep::Keep;
 
 /// Coloured soft noise.
 fn texture(width: usize, height: usize, seed: u64) -> Rgb8 {
