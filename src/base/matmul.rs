@@ -1,5 +1,7 @@
 //! The one matrix product of the crate, over `gemm` with AVX-512 where the machine has it.
 
+use gemm_common::Parallelism;
+
 /// `c = a · bᵀ` for row-major `a` (m × k), `b` (n × k), `c` (m × n), on the calling thread.
 ///
 /// # Panics
@@ -13,21 +15,22 @@ pub fn a_bt(m: usize, n: usize, k: usize, a: &[f32], b: &[f32], c: &mut [f32]) {
         c.fill(0.0);
         return;
     }
+    // The kernel fills columns, so it is asked for the transpose: `cᵀ = b · aᵀ`.
     // SAFETY: the asserts above give the pointers the extents that the strides below stay within; `c` is exclusive
     // and does not overlap `a` or `b`, which are shared borrows.
     unsafe {
-        gemm::gemm(
-            m,
+        gemm_f32::gemm::f32::get_gemm_fn()(
             n,
+            m,
             k,
             c.as_mut_ptr(),
-            1,
             n as isize,
+            1,
             false,
-            a.as_ptr(),
+            b.as_ptr(),
             1,
             k as isize,
-            b.as_ptr(),
+            a.as_ptr(),
             k as isize,
             1,
             0.0,
@@ -35,7 +38,7 @@ pub fn a_bt(m: usize, n: usize, k: usize, a: &[f32], b: &[f32], c: &mut [f32]) {
             false,
             false,
             false,
-            gemm::Parallelism::None,
+            Parallelism::None,
         );
     }
 }
