@@ -3,7 +3,7 @@
 use std::fs;
 
 use enliven::raster::image::Rgb8;
-use enliven::video::sink::{self, FrameRate, SinkOptions};
+use enliven::video::write::sink::{self, FrameRate, SinkOptions};
 
 use crate::browser;
 
