@@ -1,9 +1,6 @@
 //! The blind test of `enliven compare`: the page that people vote on, in Chromium where there is one, and what becomes of
 //! their votes.
 
-#[path = "common/browser.rs"]
-mod browser;
-
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
@@ -18,6 +15,8 @@ use enliven::report::comparison::blind::key::{Key, Named};
 use enliven::report::comparison::{Comparison, Sort};
 use serde_json::{Value, json};
 use tempfile::TempDir;
+
+use crate::browser;
 
 const FRAMES: usize = 12;
 /// Two methods in two scenes, and both planted ones.

@@ -1,10 +1,6 @@
 //! Every method of the registry: frame count and size, background untouched, the same bytes on any number of threads,
 //! cancel, and options named when they are wrong.
 
-mod common;
-#[path = "common/keep.rs"]
-mod keep;
-
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
@@ -21,7 +17,9 @@ use enliven::synth::methods::REGISTRY;
 use enliven::synth::record::NodeRecord;
 use enliven::synth::run::run;
 use enliven::video::clip::Sink;
-use keep::Keep;
+
+use crate::common;
+use crate::keep::Keep;
 
 /// A folder with a small library, a picture and a matte whose left third is still.
 struct Stage {

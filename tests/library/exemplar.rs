@@ -1,8 +1,5 @@
 //! Methods that borrow looks from an exemplar: which exemplars, which patches, what motion, what is refused.
 
-#[path = "common/keep.rs"]
-mod keep;
-
 use std::path::PathBuf;
 
 use enliven::base::error::{Error, Result};
@@ -15,7 +12,8 @@ use enliven::raster::picture_io::{write_grey_png, write_png};
 use enliven::scene::scene::{Scene, open};
 use enliven::synth::method::Outcome;
 use enliven::synth::run::run;
-use keep::Keep;
+
+use crate::keep::Keep;
 
 /// Coloured soft noise.
 fn texture(width: usize, height: usize, seed: u64) -> Rgb8 {

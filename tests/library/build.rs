@@ -1,7 +1,5 @@
 //! Building libraries from small clips.
 
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -13,6 +11,8 @@ use enliven::library::build::{BuildReport, Options, build};
 use enliven::library::piece::PieceIx;
 use enliven::library::reader::Pack;
 use enliven::library::verify::verify;
+
+use crate::common;
 
 fn run(clips: &[PathBuf], output: &Path) -> Result<BuildReport> {
     build(clips, output, &common::options(), &Silent)

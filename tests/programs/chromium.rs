@@ -1,12 +1,11 @@
 //! The MP4 we write plays, seeks and shows its colours in Chromium. Skipped, saying so, where there is no Chromium.
 
-#[path = "common/browser.rs"]
-mod browser;
-
 use std::fs;
 
 use enliven::raster::image::Rgb8;
 use enliven::video::write::sink::{self, FrameRate, SinkOptions};
+
+use crate::browser;
 
 const WIDTH: usize = 320;
 const HEIGHT: usize = 192;

@@ -2,9 +2,6 @@
 //!
 //! ffmpeg is hidden from them throughout (an empty PATH), so that the results do not depend on the machine.
 
-#[allow(dead_code, reason = "the programs make their own options")]
-mod common;
-
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -18,6 +15,8 @@ use enliven::report::run::to_json;
 use enliven::synth::record::RunRecord;
 use serde_json::Value;
 use tempfile::TempDir;
+
+use crate::common;
 
 const FAILED: i32 = 1;
 const USAGE: i32 = 2;

@@ -1,7 +1,5 @@
 //! Scenes made from clips: they leave their clip and its twins out, they animate, and mistakes are named.
 
-mod common;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -16,6 +14,8 @@ use enliven::scene::leave_one_out::{Options, Report, scenes};
 use enliven::scene::scene::{Scene, open};
 use enliven::synth::run::run;
 use enliven::video::clip::Sink;
+
+use crate::common;
 
 /// Counts frames.
 #[derive(Default)]

@@ -3,8 +3,6 @@
 //! The test starts itself as a child process that builds a library and reports when it reaches a given point; the
 //! parent then kills it with SIGKILL, either while it holds still there, or a little later while it runs on.
 
-mod common;
-
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
 use std::path::{Path, PathBuf};
@@ -16,6 +14,8 @@ use enliven::base::observe::{Observer, Silent};
 use enliven::library::build::{BuildReport, build};
 use enliven::library::reader::Pack;
 use enliven::library::verify::verify;
+
+use crate::common;
 
 /// The variable that makes [`child`] a child: folder, stage, step and manner, one a line.
 const CHILD: &str = "ENLIVEN_TEST_CRASH_CHILD";
@@ -104,7 +104,7 @@ fn kill_at(folder: &Path, point: Point) -> bool {
     let manner = if point.later.is_some() { "run" } else { "hold" };
     let order = format!("{}\n{}\n{}\n{manner}", folder.display(), point.stage, point.step);
     let mut child = Command::new(std::env::current_exe().unwrap())
-        .args(["child", "--exact", "--nocapture", "--test-threads=1"])
+        .args(["crash::child", "--exact", "--nocapture", "--test-threads=1"])
         .env(CHILD, order)
         .stdout(Stdio::piped())
         .stderr(Stdio::null())

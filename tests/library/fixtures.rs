@@ -6,7 +6,7 @@ use enliven::scene::file;
 use enliven::video::read::source;
 use serde::Deserialize;
 
-#[path = "../examples/make_fixtures/matte.rs"]
+#[path = "../../examples/make_fixtures/matte.rs"]
 mod matte;
 
 /// Picture and what belongs to it, by the stem of its name.

@@ -1,14 +1,13 @@
 //! The page of a comparison in Chromium: it plays, keeps in step, wipes, fits, and is labelled. Skipped, saying so, where
 //! there is no Chromium.
 
-#[path = "common/browser.rs"]
-mod browser;
-
 use std::fs;
 
 use assert_cmd::Command;
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::picture_io::{write_grey_png, write_png};
+
+use crate::browser;
 
 const FRAMES: usize = 30;
 
