@@ -6,7 +6,8 @@ mod browser;
 use std::fs;
 
 use enliven::raster::image::Rgb8;
-use enliven::video::write::sink::{self, FrameRate, SinkOptions};
+use enliven::video::write::options::{FrameRate, SinkOptions};
+use enliven::video::write::sink;
 
 const WIDTH: usize = 320;
 const HEIGHT: usize = 192;

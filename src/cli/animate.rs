@@ -21,7 +21,8 @@ use crate::synth::methods::{DEFAULT_METHOD, REGISTRY};
 use crate::synth::record::RunRecord;
 use crate::synth::run;
 use crate::video::clip::Sink;
-use crate::video::write::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::options::{FrameRate, SinkOptions};
+use crate::video::write::sink;
 
 /// Longest preview, seconds.
 const PREVIEW_SECONDS: f32 = 2.0;
