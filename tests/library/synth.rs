@@ -327,7 +327,7 @@ fn a_background_that_shows_the_same_is_refused() {
 fn clips_of_several_fluids_or_none_are_told_of() {
     let stage = Stage::new();
     let clips = common::write_clips(stage.folder.path());
-    let options = enliven::library::build::Options { tag: "other".into(), ..common::options() };
+    let options = enliven::library::options::Options { tag: "other".into(), ..common::options() };
     build(&clips[..1], &stage.path("other.pack"), &options, &Silent).unwrap();
     let notes = |more: &str| {
         let text = format!("picture = 'p.png'\nmatte = 'm.png'\nlibrary = ['small.pack', 'other.pack']\n{more}");

@@ -3,7 +3,8 @@
 use std::fs;
 
 use enliven::raster::image::Rgb8;
-use enliven::video::write::sink::{self, FrameRate, SinkOptions};
+use enliven::video::write::options::{FrameRate, SinkOptions};
+use enliven::video::write::sink;
 
 use crate::browser;
 
