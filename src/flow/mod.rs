@@ -1,9 +1,11 @@
 //! Motion between frames, and motion as a person asks for it.
 
+pub mod along_streaks;
 pub mod draw;
 pub mod ensemble;
 pub mod field;
 pub mod io;
+pub mod mean_motion;
 pub mod orientation;
 pub mod painted_strokes;
 pub mod radial_basis;

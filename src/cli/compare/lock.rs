@@ -4,6 +4,7 @@ use std::fs::{File, TryLockError};
 use std::path::Path;
 
 use crate::base::error::{Error, Kind, Result};
+use crate::base::own_file;
 
 /// Locked while a comparison writes into its folder.
 pub const LOCK: &str = ".lock";
@@ -14,7 +15,10 @@ pub const LOCK: &str = ".lock";
 /// Another comparison at work there; a folder that cannot be written to.
 pub fn lock(folder: &Path) -> Result<File> {
     let path = folder.join(LOCK);
-    let file = File::create(&path).map_err(|e| Error::io(&path, "write", e))?;
+    if !path.exists() {
+        own_file::write(&path, b"A comparison locks this file while it is at work here.\n")?;
+    }
+    let file = File::open(&path).map_err(|e| Error::io(&path, "open", e))?;
     match file.try_lock() {
         Ok(()) => Ok(file),
         Err(TryLockError::WouldBlock) => Err(Error::file(Kind::Usage, folder, "another comparison is at work here")

@@ -18,9 +18,11 @@ use std::time::Instant;
 
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer, Once};
+use crate::base::own_file::{self, Inputs};
 use crate::cli::common::{counted, say};
+use crate::report::comparison::blind::{KEY, PAGE};
 use crate::report::comparison::{Comparison, Row};
-use crate::scene::scene::SCENE_FILE;
+use crate::scene::scene::{SCENE_FILE, file_of, for_each_path};
 use kept::Fingerprints;
 use lock::{LOCK, lock};
 use plan::{Plan, PlannedScene};
@@ -38,11 +40,11 @@ impl Compare {
             return blind::read_votes(&self.votes, &self.output, observer);
         }
         let plan = Plan::new(self)?;
-        self.refuse_others_files()?;
+        self.refuse_others_files(&plan)?;
         plan.notes.iter().for_each(|note| observer.note(note));
         std::fs::create_dir_all(&self.output).map_err(|e| Error::io(&self.output, "make the folder", e))?;
         let _lock = lock(&self.output)?;
-        plan.write_scenes(&self.output)?;
+        plan.write_scenes(&self.output, &Inputs::new(self.scenes.iter().map(|path| file_of(path))))?;
         let (files, scenes) = (Fingerprints::default(), plan.scenes.iter().map(PlannedScene::empty).collect());
         let program = kept::program(&files)?;
         let mut comparison = Comparison { program, command: plan.command(), scenes, blind: None };
@@ -72,12 +74,28 @@ impl Compare {
         any_made(&plan, &comparison, &self.output)
     }
 
-    /// A folder that holds a page of something else, or a scene, is not written into.
-    fn refuse_others_files(&self) -> Result<()> {
-        let own = [LOCK, "results.json"].iter().any(|file| self.output.join(file).exists());
-        let found = ["index.html", "results.csv", SCENE_FILE].into_iter().find(|file| self.output.join(file).exists());
-        match found.filter(|_| !own) {
-            Some(file) => Err(Error::file(Kind::Usage, &self.output, format!("its {file} is not of a comparison"))
+    /// A folder that holds a page of something else, a scene, or a folder where a scene's rows would go, is not written
+    /// into; nor is one that a scene would be read from and written to.
+    fn refuse_others_files(&self, plan: &Plan) -> Result<()> {
+        let at = |name: &str| self.output.join(name);
+        for planned in &plan.scenes {
+            let mut inputs = self.scenes.clone();
+            for_each_path(&mut planned.file.clone(), |path| inputs.push(path.clone()));
+            let folder = at(&planned.name);
+            if let Some(input) = Inputs::new(inputs).within(&folder) {
+                let problem = format!("lies in {}, where its videos would be written", folder.display());
+                return Err(Error::file(Kind::Usage, input, problem).remedy("name another folder with -o"));
+            }
+        }
+        if own_file::is_own(&at(LOCK)) || Comparison::read(&self.output).is_ok() {
+            return Ok(());
+        }
+        let files = ["index.html", "results.csv", "results.json", "summary.csv", SCENE_FILE, KEY, PAGE];
+        let file = files.into_iter().find(|file| at(file).exists());
+        let filled = |name: &&str| std::fs::read_dir(at(name)).is_ok_and(|mut list| list.next().is_some());
+        let folder = plan.scenes.iter().map(|scene| &*scene.name).find(filled);
+        match file.or(folder) {
+            Some(name) => Err(Error::file(Kind::Usage, &self.output, format!("its {name} is not of a comparison"))
                 .remedy("name another folder with -o")),
             None => Ok(()),
         }

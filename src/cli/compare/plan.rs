@@ -7,9 +7,9 @@ use std::path::{Path, PathBuf};
 
 use super::arguments::Compare;
 use super::blind::Plant;
-use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
+use crate::base::own_file::{self, Inputs};
 use crate::cli::measure::bare;
 use crate::report::comparison::{Row, SceneRows, Sort};
 use crate::report::yardstick::{Reference, Yardstick};
@@ -133,16 +133,19 @@ impl Plan {
         Ok(Self { scenes, notes, methods, sweep, set, blind: arguments.blind, planted })
     }
 
-    /// Writes the scenes as they are run, for [`Plan::command`].
+    /// Writes the scenes as they are run, for [`Plan::command`]; one that is run from there stays as it is.
     ///
     /// # Errors
-    /// A folder that cannot be written to.
-    pub fn write_scenes(&self, folder: &Path) -> Result<()> {
+    /// A scene of that name there that a person changed; a folder that cannot be written to.
+    pub fn write_scenes(&self, folder: &Path, inputs: &Inputs) -> Result<()> {
         let folder = folder.join(SCENES);
         std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
         self.scenes.iter().try_for_each(|planned| {
-            let text = Scene::new(planned.file.clone())?.to_toml(&folder)?;
-            atomic_file::write(&folder.join(format!("{}.toml", planned.name)), text.as_bytes())
+            let path = folder.join(format!("{}.toml", planned.name));
+            if inputs.holding(&path).is_some() {
+                return Ok(());
+            }
+            own_file::write(&path, Scene::new(planned.file.clone())?.to_toml(&folder)?.as_bytes())
         })
     }
 

@@ -4,9 +4,10 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use crate::base::error::Result;
+use crate::base::instructions::kernel;
 use crate::base::observe::{self, Observer};
 use crate::base::par;
 use crate::library::frames::KEYFRAME_EVERY;
@@ -186,7 +187,7 @@ fn steps(lumas: &[Luma]) -> Vec<f64> {
     par::map(lumas.len().saturating_sub(1), step)
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn absolute_difference(a: &[u16], b: &[u16]) -> u64 {
     a.iter().zip(b).map(|(&a, &b)| u64::from(a.abs_diff(b))).sum()
 }
@@ -197,13 +198,13 @@ fn rounded(luma: &Plane) -> Luma {
     out
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn round(luma: &[f32], out: &mut [u16]) {
     out.iter_mut().zip(luma).for_each(|(o, l)| *o = (l * WHITE + 0.5) as u16);
 }
 
 /// Adds `weight` times a frame's difference from the average.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn add_difference(sum: &mut [f32], weight: f32, luma: &[u16], average: &[f32]) {
     for ((s, &l), a) in sum.iter_mut().zip(luma).zip(average) {
         *s += weight * (f32::from(l) * (1.0 / WHITE) - a);

@@ -177,7 +177,7 @@ impl Show<'_> {
     }
 
     fn alone(&self, state: &State) -> Result<Shown> {
-        let detail = self.detail.as_ref().zip(self.chain.atlas()).map(|(detail, atlas)| detail.of(state, atlas));
+        let detail = self.detail.as_ref().zip(self.chain.patches()).map(|(detail, patches)| detail.of(state, patches));
         let mut fluid = state.shown();
         let place = state.t.clamp(0, self.target.frames() as i64 - 1) as usize;
         if self.soft {

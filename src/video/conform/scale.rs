@@ -4,8 +4,9 @@
 //! Planes are scaled where they are small (chroma at its own resolution) and the matrix runs at the working size; both
 //! are linear, so the order does not matter. Everything is integer: the same bytes on every machine.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
+use crate::base::instructions::kernel;
 use crate::raster::image::Rgb8;
 use crate::video::clip::{Pixels, RawFrame};
 use crate::video::yuv::Decode;
@@ -156,14 +157,14 @@ impl PlaneScaler {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn add_row(sums: &mut [i32], row: &[u8], weight: i32) {
     for (sum, &v) in sums.iter_mut().zip(row) {
         *sum += weight * i32::from(v);
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn shrink_row(sums: &[i32], out: &mut [i16]) {
     for (out, &sum) in out.iter_mut().zip(sums) {
         *out = (sum >> (WEIGHT_BITS - FRACTION)) as i16;
@@ -175,7 +176,7 @@ fn rounded(sum: i32) -> i16 {
     ((sum + (1 << (WEIGHT_BITS - 1))) >> WEIGHT_BITS) as i16
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn across<const N: usize>(taps: &Taps, low: usize, row: &[i16], out: &mut [i16]) {
     for ((out, &first), weights) in out.iter_mut().zip(&taps.first).zip(taps.weights.chunks_exact(N)) {
         let samples = &row[first - low..first - low + N];
@@ -187,7 +188,7 @@ fn across<const N: usize>(taps: &Taps, low: usize, row: &[i16], out: &mut [i16])
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn across_any(taps: &Taps, low: usize, row: &[i16], out: &mut [i16]) {
     for ((out, &first), weights) in out.iter_mut().zip(&taps.first).zip(taps.weights.chunks_exact(taps.count)) {
         let samples = &row[first - low..first - low + taps.count];
