@@ -14,8 +14,8 @@ use enliven::base::options::Words;
 use enliven::raster::image::Rgb8;
 use enliven::scene::file::{Output, SceneFile, set};
 use enliven::scene::scene::Scene;
-use enliven::synth::database;
-use enliven::synth::run;
+use enliven::synth::methods::database;
+use enliven::synth::run::run;
 use enliven::video::clip::Sink;
 
 const PICTURES: [&str; 4] = ["forest-waterfall", "sunset-rapids", "painted-waterfall", "mill-stream"];

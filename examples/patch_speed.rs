@@ -23,9 +23,9 @@ use enliven::raster::filter::gaussian;
 use enliven::raster::image::Plane;
 use enliven::raster::picture_io::read_picture;
 use enliven::raster::resample::resize;
-use enliven::synth::chain::Recipe;
-use enliven::synth::lazyfluids::Options;
-use enliven::synth::patch_method::PatchMethod;
+use enliven::synth::methods::lazyfluids::Options;
+use enliven::synth::sequence::chain::Recipe;
+use enliven::synth::sequence::patch_method::PatchMethod;
 use rustix::time::{ClockId, clock_gettime};
 
 /// Frames of a sequence; the first starts from nothing and does not count.

@@ -38,10 +38,10 @@ use enliven::scene::scene::Scene;
 use enliven::scene::target::Target;
 use enliven::simulate::output::simulate;
 use enliven::simulate::setup::Setup;
-use enliven::synth::chain::{Chain, State};
-use enliven::synth::exemplar::Exemplar;
-use enliven::synth::lazyfluids::Options;
-use enliven::synth::patch_method::PatchMethod;
+use enliven::synth::exemplar::exemplar::Exemplar;
+use enliven::synth::methods::lazyfluids::Options;
+use enliven::synth::sequence::chain::{Chain, State};
+use enliven::synth::sequence::patch_method::PatchMethod;
 
 /// Side of exemplars and targets, pixels.
 const SIDE: usize = 256;

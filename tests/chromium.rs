@@ -6,7 +6,7 @@ mod browser;
 use std::fs;
 
 use enliven::raster::image::Rgb8;
-use enliven::video::sink::{self, FrameRate, SinkOptions};
+use enliven::video::write::sink::{self, FrameRate, SinkOptions};
 
 const WIDTH: usize = 320;
 const HEIGHT: usize = 192;

@@ -13,7 +13,8 @@ use enliven::raster::filter::gaussian;
 use enliven::raster::image::{Color, Plane, Rgb8};
 use enliven::raster::picture_io::{write_grey_png, write_png};
 use enliven::scene::scene::{Scene, open};
-use enliven::synth::{Outcome, run};
+use enliven::synth::method::Outcome;
+use enliven::synth::run::run;
 use keep::Keep;
 
 /// Coloured soft noise.

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use enliven::scene::file;
-use enliven::video::source;
+use enliven::video::read::source;
 use serde::Deserialize;
 
 #[path = "../examples/make_fixtures/matte.rs"]

@@ -14,7 +14,7 @@ use enliven::raster::image::Rgb8;
 use enliven::raster::picture_io::{read_grey, read_picture};
 use enliven::scene::leave_one_out::{Options, Report, scenes};
 use enliven::scene::scene::{Scene, open};
-use enliven::synth::run;
+use enliven::synth::run::run;
 use enliven::video::clip::Sink;
 
 /// Counts frames.

@@ -16,8 +16,10 @@ use enliven::library::reader::Pack;
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::picture_io::{write_grey_png, write_png};
 use enliven::scene::scene::{Scene, open};
+use enliven::synth::method::Outcome;
+use enliven::synth::methods::REGISTRY;
 use enliven::synth::record::NodeRecord;
-use enliven::synth::{Outcome, REGISTRY, run};
+use enliven::synth::run::run;
 use enliven::video::clip::Sink;
 use keep::Keep;
 

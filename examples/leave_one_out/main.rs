@@ -35,9 +35,10 @@ use enliven::scene::clip_strokes::along_motion;
 use enliven::scene::file::{SceneFile, set};
 use enliven::scene::left_out::LeftOut;
 use enliven::scene::scene::Scene;
-use enliven::synth::database::{Database, Options};
+use enliven::synth::method::{Outcome, Sources, Synthesizer};
+use enliven::synth::methods::database::{Database, Options};
 use enliven::synth::record::Timed;
-use enliven::synth::{self, Outcome, Sources, Synthesizer};
+use enliven::synth::run::run;
 
 /// A clip: the fluid's library, and the file below `ENLIVEN_DATA`.
 type Listed = (Fluid, &'static str);
@@ -248,7 +249,7 @@ impl Known {
     /// The animation of a scene, and what is known of it.
     fn animate(&self, scene: &SceneFile) -> Result<(Footage, Outcome)> {
         let mut recorder = Recorder::new(640);
-        let outcome = synth::run(&Scene::new(scene.clone())?, &mut recorder, &Silent)?;
+        let outcome = run(&Scene::new(scene.clone())?, &mut recorder, &Silent)?;
         Ok((recorder.into_footage(scene.output.fps, true, Some(&self.matte))?, outcome))
     }
 

@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use enliven::raster::image::{Plane, Rgb8};
-use enliven::video::sink::{self, FrameRate, SinkOptions};
+use enliven::video::write::sink::{self, FrameRate, SinkOptions};
 
 type Job = fn(&Path) -> Result<()>;
 

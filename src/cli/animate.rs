@@ -21,10 +21,11 @@ use crate::scene::designed::Designed;
 use crate::scene::file::{Motion, SceneFile, set};
 use crate::scene::frame_map::{preview_size, preview_working};
 use crate::scene::scene::{self, MIN_FRAMES, SCENE_FILE, Scene, for_each_path};
+use crate::synth::methods::{DEFAULT_METHOD, REGISTRY};
 use crate::synth::record::RunRecord;
-use crate::synth::{self, DEFAULT_METHOD};
+use crate::synth::run;
 use crate::video::clip::Sink;
-use crate::video::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::sink::{self, FrameRate, SinkOptions};
 
 /// What the record of a run is called beside its video.
 pub(super) const SUMMARY: &str = "summary.json";
@@ -170,7 +171,7 @@ impl Animate {
     /// Those of opening the scene, and malformed `--set`.
     pub fn settings(&self) -> Result<SceneFile> {
         let mut file = scene::open(&self.scene)?;
-        synth::check_options(&file.options).map_err(|error| error.within(&scene::file_of(&self.scene)))?;
+        run::check_options(&file.options).map_err(|error| error.within(&scene::file_of(&self.scene)))?;
         let over = self.clone();
         file.matte = over.matte.or(file.matte);
         file.background = over.background.or(file.background);
@@ -233,7 +234,7 @@ impl Animate {
             output.frames = Some(all.min((PREVIEW_SECONDS * output.fps) as usize).max(MIN_FRAMES));
         }
         let name = file.method.as_deref().unwrap_or(DEFAULT_METHOD);
-        let method = synth::REGISTRY.iter().find(|m| m.name == name);
+        let method = REGISTRY.iter().find(|m| m.name == name);
         if method.is_some_and(|m| (m.options)().iter().any(|option| option.name == "candidates")) {
             let options = file.options.entry(name.to_owned()).or_default();
             options.entry("candidates".into()).or_insert(Value::Integer(PREVIEW_CANDIDATES));
@@ -357,7 +358,7 @@ pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: 
 fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunRecord> {
     let &Places { output, report, preview, .. } = places;
     let mut scene = Scene::new(file)?;
-    synth::resolve(&mut scene)?;
+    run::resolve(&mut scene)?;
     let inputs = places.inputs(scene.settings());
     places.refuse_input(&inputs)?;
     sink::check_writable(output)?;
@@ -375,7 +376,7 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
     let wanted = if report.is_some() { spread(frames.len(), SHEET_FRAMES) } else { Vec::new() };
     let preview = (preview && !to_stdout).then(|| free_beside(output, "preview.png", &inputs, observer));
     let mut collector = Box::new(Collector { inner, wanted, next: 0, kept: Vec::new(), preview });
-    let outcome = synth::run(&scene, &mut *collector, observer)?;
+    let outcome = run::run(&scene, &mut *collector, observer)?;
     scene.leave_out(outcome.record.scene.without.clone());
     let frames = std::mem::take(&mut collector.kept);
     collector.finish()?;

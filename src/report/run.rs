@@ -8,7 +8,7 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::own_file;
 use crate::raster::image::Rgb8;
 use crate::raster::picture_io::write_own_png;
-use crate::synth::Outcome;
+use crate::synth::method::Outcome;
 use crate::synth::record::RunRecord;
 
 /// Everything that [`write`] may write into its folder.

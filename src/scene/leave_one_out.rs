@@ -22,7 +22,7 @@ use crate::library::reader::Pack;
 use crate::library::scan::reason;
 use crate::library::twins::{Changes, SAME};
 use crate::raster::picture_io::{write_grey_png, write_png};
-use crate::video::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::sink::{self, FrameRate, SinkOptions};
 
 /// Name of the stage; one step is a clip.
 pub const SCENES: &str = "scenes";

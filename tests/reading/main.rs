@@ -8,9 +8,9 @@ use enliven::base::error::{Error, Kind, Result};
 use enliven::base::rng::{below, hash};
 use enliven::raster::image::Rgb8;
 use enliven::video::clip::{RawFrame, Source, Turn};
+use enliven::video::conform::scale::to_rgb8;
 use enliven::video::conform::{ConformOptions, ConformReport, Conformed};
-use enliven::video::scale::to_rgb8;
-use enliven::video::source::{self, Decoder};
+use enliven::video::read::source::{self, Decoder};
 use make::{Mp4, number, picture};
 
 const SIZE: (usize, usize) = (96, 64);

@@ -16,7 +16,7 @@ use crate::raster::resample::resize_rgb8;
 use crate::report::comparison::Row;
 use crate::report::measuring::Measuring;
 use crate::scene::scene::Scene;
-use crate::video::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::sink::{self, FrameRate, SinkOptions};
 
 /// Writes the picture as a video in which nothing moves, and measures it as it was before coding: quite still.
 ///

@@ -15,7 +15,8 @@ use crate::report::comparison::{Row, SceneRows, Sort};
 use crate::report::yardstick::{Reference, Yardstick};
 use crate::scene::file::{SceneFile, set};
 use crate::scene::scene::{self, SCENE_FILE, Scene};
-use crate::synth::{self, REGISTRY};
+use crate::synth::methods::REGISTRY;
+use crate::synth::run;
 
 /// Folder of the scenes as they were run.
 const SCENES: &str = "scenes";
@@ -221,7 +222,7 @@ impl Compare {
         file.output.seed = self.seed.unwrap_or(file.output.seed);
         (file.method, file.output.frames_range, file.output.alpha) = (None, None, false);
         self.set.iter().try_for_each(|text| set(&mut file, text))?;
-        synth::check_options(&file.options).map_err(|error| error.within(path))?;
+        run::check_options(&file.options).map_err(|error| error.within(path))?;
         Ok(file)
     }
 }
@@ -321,7 +322,7 @@ fn cell(file: &SceneFile, method: &str, point: &[(&str, &str)]) -> Result<Cell> 
         set(&mut file, &format!("{method}.{key}={value}"))?;
         let _ = write!(name, " {key}={value}");
     }
-    synth::check_options(&file.options)?;
+    run::check_options(&file.options)?;
     let point: Vec<_> = point.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
     // Whoever sweeps it wants to know about it.
     let baseline = method == PLAIN && point.is_empty();
@@ -368,11 +369,11 @@ impl Cell {
     /// The scene with every option that counts, defaults included, and no others.
     ///
     /// # Errors
-    /// Those of [`Scene::new`] and [`synth::resolve`].
+    /// Those of [`Scene::new`] and [`run::resolve`].
     pub fn settings(&self) -> Result<SceneFile> {
         let mut scene = Scene::new(self.file.clone())?;
         if self.file.method.is_some() {
-            synth::resolve(&mut scene)?;
+            run::resolve(&mut scene)?;
         }
         let method = scene.settings().method.clone().unwrap_or_default();
         let mut file = scene.settings().clone();

@@ -1,0 +1,16 @@
+//! Motion borrowed piece by piece from a library: pieces are chosen for nodes, placed, and made frames.
+
+pub mod assignment_picture;
+pub mod base_flow;
+pub mod footage;
+pub mod frames;
+pub mod gate;
+pub mod legend;
+pub mod outcome;
+pub mod outline;
+pub mod pace;
+pub mod pick;
+pub mod placing;
+pub mod rates;
+pub mod rendering;
+pub mod speeds;
