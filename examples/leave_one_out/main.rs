@@ -36,7 +36,8 @@ use enliven::scene::file::{SceneFile, set};
 use enliven::scene::left_out::LeftOut;
 use enliven::scene::scene::Scene;
 use enliven::synth::method::{Outcome, Sources, Synthesizer};
-use enliven::synth::methods::database::{Database, Options};
+use enliven::synth::pieces::options::Options;
+use enliven::synth::pieces::piece_method::PieceMethod;
 use enliven::synth::record::Timed;
 use enliven::synth::run::run;
 
@@ -279,7 +280,7 @@ impl Known {
     fn random(&self) -> Result<Distances> {
         let scene = Scene::new(self.scene.clone())?;
         let options: Table = scene.options("database");
-        let method = Database::with_random_labels(Options::from_table(&options)?)?;
+        let method = PieceMethod::new("database", Options::from_table(&options)?, None).with_random_labels();
         let mut recorder = Recorder::new(640);
         method.synthesize(&scene, &Sources::open(&scene)?, &mut recorder, &Timed::new(&Silent))?;
         Ok(distances(&recorder.into_footage(self.scene.output.fps, true, Some(&self.matte))?, &self.target))

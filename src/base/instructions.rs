@@ -141,7 +141,7 @@ pub fn version() -> &'static str {
 }
 
 /// Compiles a function for every [`InstructionSet`] and calls the version for the one in use: `#[apply(kernel)]` above it.
-/// Its parameters are plain names, of a type each; it may have constants as parameters too.
+/// Its parameters are plain names, of a type each; it may have constants as parameters too, and one type before them.
 macro_rules! kernel {
     (
         $(#[$attribute:meta])*
@@ -149,34 +149,51 @@ macro_rules! kernel {
             $($argument:ident: $kind:ty),* $(,)?
         ) $(-> $result:ty)? $body:block
     ) => {
-        $(#[$attribute])*
-        $visible fn $name $(<$(const $constant: $sort),+>)? ($($argument: $kind),*) $(-> $result)? {
+        $crate::base::instructions::kernel! {
+            @versions [$(#[$attribute])*] [$visible] $name [$($(const $constant: $sort),+)?] [$($($constant),+)?]
+            ($($argument: $kind),*) [$(-> $result)?] $body
+        }
+    };
+    (
+        $(#[$attribute:meta])*
+        $visible:vis fn $name:ident <$generic:ident: $bound:ident $(, const $constant:ident: $sort:ty)*> (
+            $($argument:ident: $kind:ty),* $(,)?
+        ) $(-> $result:ty)? $body:block
+    ) => {
+        $crate::base::instructions::kernel! {
+            @versions [$(#[$attribute])*] [$visible] $name
+            [$generic: $bound $(, const $constant: $sort)*] [$generic $(, $constant)*]
+            ($($argument: $kind),*) [$(-> $result)?] $body
+        }
+    };
+    (
+        @versions [$($attribute:tt)*] [$visible:vis] $name:ident [$($generics:tt)*] [$($names:tt)*]
+        ($($argument:ident: $kind:ty),*) [$($result:tt)*] $body:block
+    ) => {
+        $($attribute)*
+        $visible fn $name<$($generics)*>($($argument: $kind),*) $($result)* {
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx512f,avx512bw,avx512vl,avx512dq,avx2,fma")]
-            $(#[$attribute])*
-            fn avx512 $(<$(const $constant: $sort),+>)? ($($argument: $kind),*) $(-> $result)? $body
+            $($attribute)*
+            fn avx512<$($generics)*>($($argument: $kind),*) $($result)* $body
 
             #[cfg(target_arch = "x86_64")]
             #[target_feature(enable = "avx2,fma")]
-            $(#[$attribute])*
-            fn avx2 $(<$(const $constant: $sort),+>)? ($($argument: $kind),*) $(-> $result)? $body
+            $($attribute)*
+            fn avx2<$($generics)*>($($argument: $kind),*) $($result)* $body
 
             #[inline(always)]
-            $(#[$attribute])*
-            fn portable $(<$(const $constant: $sort),+>)? ($($argument: $kind),*) $(-> $result)? $body
+            $($attribute)*
+            fn portable<$($generics)*>($($argument: $kind),*) $($result)* $body
 
             match $crate::base::instructions::InstructionSet::chosen() {
                 // SAFETY: a set is chosen only where the machine has all of its instructions.
                 #[cfg(target_arch = "x86_64")]
-                $crate::base::instructions::InstructionSet::Avx512 => unsafe {
-                    avx512 $(::<$($constant),+>)? ($($argument),*)
-                },
+                $crate::base::instructions::InstructionSet::Avx512 => unsafe { avx512::<$($names)*>($($argument),*) },
                 // SAFETY: as above.
                 #[cfg(target_arch = "x86_64")]
-                $crate::base::instructions::InstructionSet::Avx2 => unsafe {
-                    avx2 $(::<$($constant),+>)? ($($argument),*)
-                },
-                _ => portable $(::<$($constant),+>)? ($($argument),*),
+                $crate::base::instructions::InstructionSet::Avx2 => unsafe { avx2::<$($names)*>($($argument),*) },
+                _ => portable::<$($names)*>($($argument),*),
             }
         }
     };

@@ -25,7 +25,8 @@ use crate::synth::methods::{DEFAULT_METHOD, REGISTRY};
 use crate::synth::record::RunRecord;
 use crate::synth::run;
 use crate::video::clip::Sink;
-use crate::video::write::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::options::{FrameRate, SinkOptions};
+use crate::video::write::sink;
 
 /// What the record of a run is called beside its video.
 pub(super) const SUMMARY: &str = "summary.json";

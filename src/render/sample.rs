@@ -128,7 +128,7 @@ fn sample_row(band: &Plane, map: Map, j: usize, weights: &[f32], out: &mut [f32]
 
 /// Catmull–Rom value at `(x, y)`, centres at ½, borders clamped: bilinear reading would dull the finest band.
 #[inline(always)]
-fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
+pub fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
     let (fx, fy) = (x - 0.5, y - 0.5);
     let (x0, y0) = (fx.floor(), fy.floor());
     let (wx, wy) = (taps(fx - x0), taps(fy - y0));

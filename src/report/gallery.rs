@@ -18,7 +18,8 @@ use crate::library::variant::Variant;
 use crate::raster::image::Plane;
 use crate::raster::picture_io::write_own_png;
 use crate::raster::resample::{resize_color, resize_rgb8};
-use crate::video::write::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::options::{FrameRate, SinkOptions};
+use crate::video::write::sink;
 
 /// Long side of a thumbnail in pixels.
 const THUMBNAIL: usize = 256;

@@ -15,14 +15,16 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::par;
 use crate::flow::strokes;
-use crate::library::build::{self, Refused, build};
+use crate::library::build::{Refused, build};
 use crate::library::inputs;
+use crate::library::options;
 use crate::library::piece::ClipId;
 use crate::library::reader::Pack;
 use crate::library::scan::reason;
 use crate::library::twins::{Changes, SAME};
 use crate::raster::picture_io::{write_grey_png, write_png};
-use crate::video::write::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::options::{FrameRate, SinkOptions};
+use crate::video::write::sink;
 
 /// Name of the stage; one step is a clip.
 pub const SCENES: &str = "scenes";
@@ -185,8 +187,8 @@ fn analyse(
 ) -> Result<(Arc<Pack>, Vec<Refused>)> {
     let temporary = Temporary::new(folder)?;
     let path = temporary.0.join("clips.pack");
-    let working = packs.first().map_or(build::Options::default().working, |pack| pack.parameters().working);
-    let options = build::Options { working, ..build::Options::default() };
+    let working = packs.first().map_or(options::Options::default().working, |pack| pack.parameters().working);
+    let options = options::Options { working, ..options::Options::default() };
     let report = build(clips, &path, &options, observer)?;
     Ok((Pack::open(&path)?, report.refused))
 }

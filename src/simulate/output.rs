@@ -18,7 +18,8 @@ use crate::simulate::file::{Mode, SimFile, format};
 use crate::simulate::fluid::{Fluid, Frame};
 use crate::simulate::setup::Setup;
 use crate::video::clip::Sink;
-use crate::video::write::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::options::{FrameRate, SinkOptions};
+use crate::video::write::sink;
 
 /// Frames alive at once: one being made, one being written, one between.
 const WINDOW: usize = 3;

@@ -11,4 +11,6 @@ pub mod methods;
 pub mod pieces;
 pub mod record;
 pub mod run;
+pub mod separation;
 pub mod sequence;
+pub mod writing;

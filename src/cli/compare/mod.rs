@@ -1,15 +1,19 @@
 //! `enliven compare`: every method on every scene, in one folder with a page to look at.
 
+mod arguments;
 mod baselines;
 mod blind;
+mod figures;
 mod kept;
+mod lock;
 mod pictures;
 mod plan;
 mod progress;
 mod rows;
 
-use std::fs::{File, TryLockError};
-use std::path::{Path, PathBuf};
+pub use arguments::Compare;
+
+use std::path::Path;
 use std::time::Instant;
 
 use crate::base::error::{Error, Kind, Result};
@@ -19,79 +23,10 @@ use crate::cli::common::{counted, say};
 use crate::report::comparison::blind::{KEY, PAGE};
 use crate::report::comparison::{Comparison, Row};
 use crate::scene::scene::{SCENE_FILE, file_of, for_each_path};
-use blind::Plant;
 use kept::Fingerprints;
+use lock::{LOCK, lock};
 use plan::{Plan, PlannedScene};
 use progress::Progress;
-
-/// Compare methods on scenes: videos that play in step, measures and plots on one page.
-#[derive(Debug, Clone, clap::Args)]
-pub struct Compare {
-    /// Scene files, folders with a scene.toml, folders of enliven simulate, or pictures
-    #[arg(required_unless_present = "votes", value_name = "SCENE")]
-    pub scenes: Vec<PathBuf>,
-    /// Methods to compare [default: all]
-    #[arg(long, value_name = "METHOD,…", value_delimiter = ',', value_parser = trimmed)]
-    pub methods: Vec<String>,
-    /// Values of an option to try one by one; may be given more than once, and all are combined
-    #[arg(long, value_name = "METHOD.KEY=V1,V2,…")]
-    pub sweep: Vec<String>,
-    /// Library for scenes that name none; may be given more than once
-    #[arg(long, value_name = "PACK")]
-    pub library: Vec<PathBuf>,
-    /// Exemplar for scenes that name none
-    #[arg(long, value_name = "PICTURE|CLIP")]
-    pub exemplar: Option<PathBuf>,
-    /// Its opacity: a grey picture of its size, or "luminance" for footage on black [default: the file's own]
-    #[arg(long, value_name = "luminance|PNG", requires = "exemplar")]
-    pub exemplar_alpha: Option<PathBuf>,
-    /// Frames of each video [default: the scenes']
-    #[arg(long, value_name = "N")]
-    pub frames: Option<usize>,
-    /// Long side of the image the motion is made at [default: the scenes']
-    #[arg(long, value_name = "PX")]
-    pub working_size: Option<usize>,
-    /// Seed of every random choice [default: the scenes']
-    #[arg(long)]
-    pub seed: Option<u64>,
-    /// An option of a method; may be given more than once
-    #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
-    pub set: Vec<String>,
-    /// Also make a page on which people choose between two unnamed videos, for a blind test
-    #[arg(long)]
-    pub blind: bool,
-    /// Bad videos in the blind test, to see whether votes mean anything [default: frozen]
-    #[arg(long, value_name = "BAD,…", value_delimiter = ',', requires = "blind")]
-    pub plant: Vec<Plant>,
-    /// Files of votes that the blind test's page saved: what they say is added to the comparison in DIR
-    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = MAKING)]
-    pub votes: Vec<PathBuf>,
-    /// Folder to write to; what is finished there already is kept
-    #[arg(short, long, value_name = "DIR")]
-    pub output: PathBuf,
-}
-
-/// Options of making a comparison, which votes are read into without making it again.
-const MAKING: [&str; 11] = [
-    "scenes",
-    "methods",
-    "sweep",
-    "library",
-    "exemplar",
-    "exemplar_alpha",
-    "frames",
-    "working_size",
-    "seed",
-    "set",
-    "blind",
-];
-
-fn trimmed(text: &str) -> std::result::Result<String, std::convert::Infallible> {
-    Ok(text.trim().to_owned())
-}
-
-/// Locked while a comparison writes into its folder.
-const LOCK: &str = ".lock";
 
 impl Compare {
     /// Runs the command.
@@ -233,20 +168,5 @@ fn summary(comparison: &Comparison) -> String {
         format!("{scenes}, {videos}")
     } else {
         format!("{scenes}, {videos}; {failed} not made, see there")
-    }
-}
-
-/// The folder's lock, as long as the file lives.
-fn lock(folder: &Path) -> Result<File> {
-    let path = folder.join(LOCK);
-    if !path.exists() {
-        own_file::write(&path, b"A comparison locks this file while it is at work here.\n")?;
-    }
-    let file = File::open(&path).map_err(|e| Error::io(&path, "open", e))?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(Error::file(Kind::Usage, folder, "another comparison is at work here")
-            .remedy("wait until it has ended, or name another folder with -o")),
-        Err(TryLockError::Error(e)) => Err(Error::io(&path, "lock", e)),
     }
 }

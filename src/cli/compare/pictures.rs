@@ -7,7 +7,7 @@ use crate::base::error::{Error, Result};
 use crate::base::observe::{Observer, Silent};
 use crate::flow::draw::{arrows, strokes};
 use crate::flow::field::Field;
-use crate::flow::strokes as stroke_file;
+use crate::flow::stroke_files;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::picture_io::write_png;
 use crate::raster::resample::{resize, resize_rgb8};
@@ -106,7 +106,7 @@ fn motion_asked(scene: &Scene, still: &Still, picture: &Rgb8) -> Result<Option<(
     if let Some(path) = &scene.settings().motion.strokes {
         let size = still.map.picture;
         let scale = picture.width as f32 / size.0 as f32;
-        let lines: Vec<_> = stroke_file::read(path, size)?.into_iter().map(|stroke| stroke.points).collect();
+        let lines: Vec<_> = stroke_files::read(path, size)?.into_iter().map(|stroke| stroke.points).collect();
         strokes(&mut drawn, &lines, scale);
         caption += ", with the strokes that ask for it in white";
     }

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::Compare;
+use super::arguments::Compare;
 use super::blind::Plant;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;

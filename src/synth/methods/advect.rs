@@ -15,9 +15,9 @@ use crate::scene::target::Target;
 use crate::synth::maps::{Maps, maps};
 use crate::synth::memory;
 use crate::synth::method::{MethodEntry, Outcome, Sources, Synthesizer};
-use crate::synth::pieces::frames;
-use crate::synth::pieces::rendering::{Apart, compositor};
 use crate::synth::record::{RunRecord, Timed};
+use crate::synth::separation::{Separation, compositor};
+use crate::synth::writing;
 use crate::video::clip::Sink;
 
 declare_options! {
@@ -66,7 +66,7 @@ impl Synthesizer for Advect {
         target.note(observer);
         memory::check(scene)?;
         let (flow, output) = (target.flow(0)?, scene.settings().output);
-        let apart = output.alpha.then(|| Apart::standing(&still, observer)).transpose()?;
+        let apart = output.alpha.then(|| Separation::standing(&still, observer)).transpose()?;
         if apart.is_none() && still.background.is_some() {
             observer.note("the outline does not move, so the background is not seen");
         }
@@ -81,7 +81,7 @@ impl Synthesizer for Advect {
                 &self.options.carry(&flow, &output),
             ))
         })?;
-        frames::carry(scene, &carried, &still.working_matte, sink, observer)?;
+        writing::carry(scene, &carried, &still.working_matte, sink, observer)?;
         Ok(outcome(&still, flow))
     }
 }

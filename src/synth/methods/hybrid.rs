@@ -3,15 +3,14 @@
 //! pieces bring a share, and the carried picture brings the rest. What does not move in the clips stays in its place.
 //!
 //! Okabe, Anjyo & Onai name what their blurred average loses: trajectories disappear (2011, §7.2). The stages are those of
-//! [`Database`]; what the differences are added to is not a still average but a picture that flows.
+//! [`PieceMethod`]; what the differences are added to is not a still average but a picture that flows.
 
-use super::database::{self, Database};
 use crate::base::error::Result;
 use crate::base::options::{Declared, Table, declare_options, refuse_unknown};
-use crate::flow::field::Field;
-use crate::render::carry::Carry;
-use crate::scene::file::Output;
 use crate::synth::method::MethodEntry;
+use crate::synth::pieces::options;
+use crate::synth::pieces::piece_method::PieceMethod;
+use crate::synth::pieces::run::Carrying;
 
 declare_options! {
     /// Options of the hybrid, besides those it shares with the database method.
@@ -47,7 +46,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
     },
     build: |table| {
         let (own, shared) = read(table)?;
-        Ok(Box::new(Database::carrying(ENTRY.name, shared, own)))
+        let Options { life, fade, pace, .. } = own;
+        Ok(Box::new(PieceMethod::new(ENTRY.name, shared, Some(Carrying { life, fade, pace }))))
     },
 };
 
@@ -56,29 +56,21 @@ fn known(name: &str) -> bool {
 }
 
 fn declared() -> Vec<Declared> {
-    let shared = database::Options::declared().into_iter().filter(|d| known(d.name));
+    let shared = options::Options::declared().into_iter().filter(|d| known(d.name));
     Options::declared().into_iter().chain(shared).collect()
 }
 
 /// The hybrid's own options and those of the stages it shares.
-fn read(table: &Table) -> Result<(Options, database::Options)> {
+fn read(table: &Table) -> Result<(Options, options::Options)> {
     let names: Vec<&str> = declared().iter().map(|d| d.name).collect();
     refuse_unknown(ENTRY.name, table.keys().map(String::as_str), &names)?;
     let own_names: Vec<&str> = Options::declared().iter().map(|d| d.name).collect();
     let (own, shared): (Table, Table) =
         table.clone().into_iter().partition(|(name, _)| own_names.contains(&name.as_str()));
-    let shared = database::Options::from_table_of(ENTRY.name, &shared)?.checked(ENTRY.name)?;
+    let shared = options::Options::from_table_of(ENTRY.name, &shared)?.checked(ENTRY.name)?;
     let own = Options::from_table(&own)?;
-    let shared = database::Options { strength: own.strength, ..shared };
+    let shared = options::Options { strength: own.strength, ..shared };
     Ok((own, shared))
-}
-
-impl Options {
-    /// How the picture is carried along `flow` in the loop of `output`.
-    pub fn carry<'a>(&self, flow: &'a Field, output: &Output) -> Carry<'a> {
-        let &Self { life, fade, .. } = self;
-        Carry { flow, frames: output.length(), fps: output.fps, life, fade, seed: output.seed }
-    }
 }
 
 #[cfg(test)]

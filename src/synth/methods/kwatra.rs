@@ -3,7 +3,7 @@
 
 use crate::base::error::{Error, Kind, Result};
 use crate::base::options::declare_options;
-use crate::patch::channels::Role;
+use crate::patch::data::channels::Role;
 use crate::patch::engine::Settings;
 use crate::patch::rules::Rule;
 use crate::patch::vote::Manner;

@@ -1,6 +1,7 @@
 //! The static flow that a picture is carried along, and how.
 
 use super::placing::Placed;
+use super::run::Run;
 use super::speeds;
 use crate::base::error::Result;
 use crate::flow::field::Field;
@@ -11,7 +12,6 @@ use crate::render::extrapolate::fill;
 use crate::render::recover::AssignedMotion;
 use crate::scene::asked::{Asked, FLUID};
 use crate::scene::scene::Still;
-use crate::synth::methods::database::Run;
 
 /// Smoothing of the pieces' motion over the picture, pixels of the working image: neighbouring pieces disagree, and a
 /// picture must not be torn where they meet.

@@ -6,16 +6,15 @@ use super::footage::{Clip, Stream, bands_of, frame_bytes, kept_bytes, loop_bytes
 use super::placing::{Footage, Placed};
 use super::rates::RATES;
 use super::rendering::{Rendering, Target};
+use super::run::Run;
 use crate::base::error::Result;
 use crate::base::observe::{self, Observer, stage};
 use crate::base::par;
 use crate::raster::image::Plane;
 use crate::render::appearance::Appearance;
-use crate::render::composite::Compositor;
-use crate::scene::scene::Scene;
 use crate::synth::memory;
-use crate::synth::methods::database::Run;
 use crate::synth::record::Timed;
+use crate::synth::writing::Writer;
 use crate::video::clip::Sink;
 
 /// Frames that appearance matching learns from.
@@ -99,7 +98,7 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
         }))
     };
     let mut outline = rendering.outline.clone();
-    let mut writer = Writer { compositor: &rendering.compositor, alpha: output.alpha, sink, observer };
+    let mut writer = Writer::new(&rendering.compositor, scene, sink, observer);
     stage(observer, "frames", wanted.len() as u64, || {
         par::ordered_map(0..(end - start).div_ceil(block), memory::BLOCKS, make, |b, differences: Vec<Plane>| {
             observe::check(observer)?;
@@ -110,23 +109,6 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
             writer.write(differences.len() - before, frame)
         })
     })
-}
-
-/// Makes the frames of a picture that is carried without any differences, inside an outline that stays.
-///
-/// # Errors
-/// A sink that fails, a cancel.
-pub fn carry(
-    scene: &Scene,
-    compositor: &Compositor,
-    matte: &Plane,
-    sink: &mut dyn Sink,
-    observer: &Timed,
-) -> Result<()> {
-    let wanted = scene.wanted_frames();
-    let none = Plane::zeros(matte.width, matte.height);
-    let mut writer = Writer { compositor, alpha: scene.settings().output.alpha, sink, observer };
-    stage(observer, "frames", wanted.len() as u64, || writer.write(wanted.len(), |i| (wanted.start + i, &none, matte)))
 }
 
 /// Per source of the layout: its clip's frames, from its phase on.
@@ -167,41 +149,4 @@ fn learn(
         samples.extend(par::map(block.len(), |i| rendering.sample(block[i], rendering.blender.frame(&levels[i]))));
     }
     Ok(Some(Appearance::learn(picture, matte, &samples, matching)))
-}
-
-/// Puts frames together and hands them on.
-struct Writer<'a> {
-    compositor: &'a Compositor,
-    alpha: bool,
-    sink: &'a mut dyn Sink,
-    observer: &'a Timed<'a>,
-}
-
-impl Writer<'_> {
-    /// Writes some frames, given by number, luma differences and outline; one is made while the one before is written.
-    fn write<'f>(
-        &mut self,
-        count: usize,
-        frame: impl Fn(usize) -> (usize, &'f Plane, &'f Plane) + Sync + Send,
-    ) -> Result<()> {
-        let (compositor, alpha, observer) = (self.compositor, self.alpha, self.observer);
-        let make = |i: usize| {
-            let (t, differences, outline) = frame(i);
-            Ok(if alpha {
-                let (fluid, opacity) = compositor.fluid(t, differences, outline);
-                (fluid, Some(opacity))
-            } else {
-                (compositor.frame(t, differences, outline), None)
-            })
-        };
-        par::ordered_map(0..count, 2, make, |_, (frame, opacity)| {
-            observe::check(observer)?;
-            match opacity {
-                Some(opacity) => self.sink.push_with_alpha(&frame, &opacity)?,
-                None => self.sink.push(&frame)?,
-            }
-            observer.advance("frames", 1);
-            Ok(())
-        })
-    }
 }

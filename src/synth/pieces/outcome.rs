@@ -7,6 +7,7 @@ use super::pick::{Choices, Labels};
 use super::placing::{Footage, Placed};
 use super::rates::RATES;
 use super::rendering::Rendering;
+use super::run::Run;
 use crate::base::error::Result;
 use crate::flow::draw;
 use crate::flow::field::Field;
@@ -14,7 +15,6 @@ use crate::raster::image::Plane;
 use crate::raster::resample::resize;
 use crate::synth::maps::{Maps, maps};
 use crate::synth::method::Outcome;
-use crate::synth::methods::database::Run;
 use crate::synth::record::{AssignmentRecord, ClipShare, NodeRecord, RunRecord};
 
 /// What is told of a run, from everything it made.

@@ -1,21 +1,15 @@
-//! The part of a run in which the fluid's outline moves: taking the picture apart, and following the frames.
+//! The part of a run in which the fluid's outline moves: how far, and following the frames.
 
-use crate::base::error::{Error, Kind, Result};
-use crate::base::observe::{Observer, stage};
+use super::run::Run;
+use crate::base::observe::Observer;
 use crate::base::par;
-use crate::raster::image::{Color, Plane, Rgb8};
-use crate::raster::resample::{resize_color, resize_rgb8};
+use crate::raster::image::Plane;
 use crate::render::boundary::{Boundary, flicker, fluid_flow};
 use crate::render::composite::local_contrast;
-use crate::render::inpaint::inpaint;
 use crate::render::layers::Layers;
-use crate::scene::scene::Still;
-use crate::synth::methods::database::Run;
 
 /// How far fire and smoke let go of their matte when nobody says otherwise (Okabe et al. 2011, §6).
 const LOOSE: f32 = 0.9;
-/// Matte from which on a pixel is not taken to show what is behind the fluid.
-const COVERED: f32 = 0.02;
 
 /// How far the outline lets go of the matte: the option, or where that is negative what the clips' fluid wants.
 /// `tags` are those of the pieces, one per node.
@@ -31,55 +25,6 @@ pub fn looseness(run: &Run, tags: &[&str]) -> f32 {
     run.observer
         .note(&format!("fire and smoke: the outline moves ({name}.tau = {LOOSE}); it stays with --set {name}.tau=0"));
     LOOSE
-}
-
-/// Takes the picture apart into fluid and background, which is the user's or made here; the second value is what was
-/// made here, at the picture's size, for a person to paint over.
-///
-/// # Errors
-/// A background that shows the same as the picture; a cancel.
-pub fn separate(still: &Still, observer: &dyn Observer) -> Result<(Layers, Option<Rgb8>)> {
-    let (working, matte) = (&still.working, &still.working_matte);
-    if let Some(background) = &still.background {
-        let small = resize_rgb8(background, working.width(), working.height()).to_color();
-        let layers = Layers::split((&still.picture, &still.matte), (working, matte), (background, &small), true);
-        if layers.matte.data.iter().all(|&m| m < 1.0 / 255.0) {
-            return Err(Error::new(
-                Kind::Unusable,
-                "background",
-                "shows the same as the picture wherever the fluid is",
-            )
-            .remedy("give a picture of what is behind the fluid, or none to have one made"));
-        }
-        return Ok((layers, None));
-    }
-    let filled = made_up(still, observer)?;
-    let (width, height) = (still.picture.width, still.picture.height);
-    let background = resize_color(&filled, width, height).to_rgb8();
-    let layers = Layers::split((&still.picture, &still.matte), (working, matte), (&background, &filled), false);
-    let (width, height) = still.map.picture;
-    let made = resize_rgb8(&layers.background, width, height);
-    Ok((layers, Some(made)))
-}
-
-/// What is behind the fluid, at output size: the user's, or made up from the rest of the picture.
-///
-/// # Errors
-/// A cancel.
-pub fn background(still: &Still, observer: &dyn Observer) -> Result<Rgb8> {
-    if let Some(background) = &still.background {
-        return Ok(background.clone());
-    }
-    let filled = made_up(still, observer)?;
-    Ok(resize_color(&filled, still.picture.width, still.picture.height).to_rgb8())
-}
-
-/// The working image without its fluid.
-fn made_up(still: &Still, observer: &dyn Observer) -> Result<Color> {
-    stage(observer, "background", 0, || {
-        observer.note("no background given: what the fluid uncovers is made up from the rest of the picture");
-        Ok(inpaint(&still.working, &still.working_matte.map(|m| if m > COVERED { 1.0 } else { 0.0 })))
-    })
 }
 
 /// The outline of every frame, in order.

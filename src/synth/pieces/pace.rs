@@ -6,7 +6,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::pick::Choice;
+use super::choice::Choice;
 use crate::base::error::Result;
 use crate::base::observe::{self, Observer};
 use crate::base::par;

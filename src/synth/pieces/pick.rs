@@ -2,6 +2,7 @@
 
 use std::collections::BTreeSet;
 
+use super::choice::Choice;
 use super::gate::{MotionGate, PieceMotion};
 use super::pace::Paces;
 use crate::assign::candidates::{self, Candidates, Gate, Pieces};
@@ -33,15 +34,6 @@ use crate::synth::method::Sources;
 const FEW_CLIPS: usize = 3;
 /// Side of the places that `per_place` counts, pixels of the clip.
 const PLACE: u32 = 32;
-
-/// A piece of one of the libraries.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Choice {
-    /// Number of the library.
-    pub pack: usize,
-    /// The piece.
-    pub piece: PieceIx,
-}
 
 /// The candidates of every node, over all libraries.
 #[derive(Debug, Clone, PartialEq, Default)]

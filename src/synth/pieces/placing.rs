@@ -2,8 +2,9 @@
 
 use std::collections::BTreeSet;
 
-use super::pick::Choice;
+use super::choice::Choice;
 use super::rates::{self, RATES};
+use super::run::Run;
 use crate::assign::nodes::NodeGrid;
 use crate::base::error::Result;
 use crate::base::{par, rng};
@@ -11,7 +12,6 @@ use crate::library::grid::Cell;
 use crate::library::tile::Tile;
 use crate::render::layout::{Layout, PlacedCell, Placement};
 use crate::scene::asked::Wish;
-use crate::synth::methods::database::Run;
 
 /// Pieces in their places, and where they come from.
 pub struct Placed {

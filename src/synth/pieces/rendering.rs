@@ -3,10 +3,12 @@
 use std::borrow::Cow;
 
 use super::base_flow;
+use super::choice::Choice;
 use super::footage::Clip;
+use super::options::Options;
 use super::outline::{self, Outline};
-use super::pick::Choice;
 use super::placing::Placed;
+use super::run::Run;
 use crate::base::error::Result;
 use crate::base::observe::Observer;
 use crate::raster::image::{Color, Plane, Rgb8};
@@ -16,11 +18,9 @@ use crate::render::boundary::Boundary;
 use crate::render::composite::{Compositor, Stays};
 use crate::render::contrast::{Contrast, FINE, Match, Strength, match_contrast};
 use crate::render::drift::Travel;
-use crate::render::layers::Layers;
 use crate::render::layout::{BANDS, LevelKey};
 use crate::render::recover::{AssignedMotion, Recovery, assigned_motion, make_room, recover};
-use crate::scene::scene::Still;
-use crate::synth::methods::database::{Options, Run};
+use crate::synth::separation::{self, Separation, compositor};
 
 /// Everything about the frames that does not change with time.
 pub struct Rendering {
@@ -60,42 +60,11 @@ pub struct Target {
     pub matte: Plane,
 }
 
-/// The picture taken apart, for an outline that moves or fluid alone.
-pub struct Apart {
-    layers: Layers,
-    /// The background that was made, where none was given.
-    made: Option<Rgb8>,
-    /// How far the outline lets go of the matte.
-    tau: f32,
-}
-
-impl Apart {
-    /// The picture's layers, with an outline that stays.
-    ///
-    /// # Errors
-    /// A background that shows the same as the picture; a cancel.
-    pub fn standing(still: &Still, observer: &dyn Observer) -> Result<Self> {
-        let (layers, made) = outline::separate(still, observer)?;
-        Ok(Self { layers, made, tau: 0.0 })
-    }
-
-    /// The fluid's colours, at working size.
-    pub fn fluid(&self) -> &Color {
-        &self.layers.fluid
-    }
-
-    /// Where the fluid is, 0 to 1, at working size. Around it, where it may come, its colours are drawn out from its edge
-    /// and have no detail to carry.
-    pub fn matte(&self) -> &Plane {
-        &self.layers.matte
-    }
-}
-
 /// Takes the picture apart where the outline moves or the fluid is wanted alone.
 ///
 /// # Errors
 /// A background that shows the same as the picture, a damaged pack, a cancel.
-pub fn separate(run: &Run, placed: &Placed) -> Result<Option<Apart>> {
+pub fn separate(run: &Run, placed: &Placed) -> Result<Option<Separation>> {
     let Run { still, observer, .. } = *run;
     let tag = |choice: &Choice| {
         let pack = &run.sources.packs[choice.pack].1;
@@ -106,8 +75,8 @@ pub fn separate(run: &Run, placed: &Placed) -> Result<Option<Apart>> {
     // The option is meant for the library's rate: an outline must not stray farther where frames are fewer.
     let tau = outline::looseness(run, &tags).powf(25.0 / output.fps);
     if tau > 0.0 || output.alpha {
-        let (layers, made) = outline::separate(still, observer)?;
-        return Ok(Some(Apart { layers, made, tau }));
+        let (layers, made) = separation::separate(still, observer)?;
+        return Ok(Some(Separation { layers, made, tau }));
     }
     if still.background.is_some() {
         observer.note(&format!("the outline does not move, so the background is not seen ({}.tau = 0)", run.name));
@@ -119,12 +88,12 @@ pub fn separate(run: &Run, placed: &Placed) -> Result<Option<Apart>> {
 ///
 /// # Errors
 /// A damaged pack, a cancel.
-pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apart>) -> Result<Rendering> {
+pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Separation>) -> Result<Rendering> {
     let Run { still, .. } = *run;
     let matched = matched_contrast(run, placed, clips);
     clips.iter_mut().for_each(Clip::forget_contrast);
     let motion = assigned_motion(&placed.layout);
-    let fluid = apart.as_ref().map_or(&still.working, Apart::fluid);
+    let fluid = apart.as_ref().map_or(&still.working, Separation::fluid);
     let recovered = recovered(run, placed, apart.as_ref(), &motion, &matched);
     let luma = recovered.luma();
     let target = Target {
@@ -138,7 +107,7 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
         None => drifting(run, compositor, &motion),
         Some(options) => {
             let flow = base_flow::of(run, placed, options.pace)?;
-            let matte = apart.as_ref().map_or(&still.working_matte, Apart::matte);
+            let matte = apart.as_ref().map_or(&still.working_matte, Separation::matte);
             let carry = options.carry(&flow, &run.scene.settings().output);
             compositor.carrying(matte, &Stays::But(&restless(placed, apart.as_ref(), &matched)), &carry)
         }
@@ -146,7 +115,7 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
     let blender = Blender::new(&placed.layout, &matched.gains);
     let (outline, run_in, background) = match apart {
         None => (Outline::fixed(&still.working_matte), 0, None),
-        Some(Apart { layers, made, tau }) => {
+        Some(Separation { layers, made, tau }) => {
             (Outline::new(&layers, &luma, tau, run.options.flicker), Boundary::run_in(tau), made)
         }
     };
@@ -154,11 +123,17 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Apa
 }
 
 /// The fluid without what the differences bring.
-fn recovered(run: &Run, placed: &Placed, apart: Option<&Apart>, motion: &AssignedMotion, matched: &Match) -> Color {
+fn recovered(
+    run: &Run,
+    placed: &Placed,
+    apart: Option<&Separation>,
+    motion: &AssignedMotion,
+    matched: &Match,
+) -> Color {
     let Options { shutter, blur, recovery: amount, .. } = *run.options;
     // Before a background the fluid is recovered wherever it may come, from its own colours.
     let (fluid, matte) = match apart {
-        Some(Apart { layers, .. }) => (&layers.fluid, &layers.reach),
+        Some(Separation { layers, .. }) => (&layers.fluid, &layers.reach),
         None => (&run.still.working, &run.still.working_matte),
     };
     let recovered = match run.carrying {
@@ -172,7 +147,7 @@ fn recovered(run: &Run, placed: &Placed, apart: Option<&Apart>, motion: &Assigne
 
 /// How much of the picture travels, per band and on cells: as much as moves in the clips. Of a fluid whose outline lets
 /// go nothing belongs to the place: it has no bed that lights and shades it.
-fn restless(placed: &Placed, apart: Option<&Apart>, matched: &Match) -> [Plane; BANDS] {
+fn restless(placed: &Placed, apart: Option<&Separation>, matched: &Match) -> [Plane; BANDS] {
     let loose = apart.is_some_and(|apart| apart.tau > 0.0);
     let of = |i: usize, band: usize| if loose { 1.0 } else { matched.restless[i][band] };
     std::array::from_fn(|band| placed.layout.spread(|i| of(i, band)))
@@ -194,15 +169,6 @@ fn matched_contrast(run: &Run, placed: &Placed, clips: &[Clip]) -> Match {
 fn matching(options: &Options) -> Matching {
     let &Options { appearance: amount, regions: region, appearance_gain: max_gain, .. } = options;
     Matching { amount, region, max_gain }
-}
-
-/// Puts a picture, taken apart or not, together over and over; `recovered` is what differences are added to.
-pub fn compositor(still: &Still, apart: Option<&Apart>, recovered: &Color) -> Compositor {
-    let (picture, working) = (still.picture.clone(), &still.working);
-    match apart {
-        None => Compositor::new(picture, &still.matte, working, &still.working_matte, recovered),
-        Some(Apart { layers, .. }) => Compositor::layered(picture, &still.matte, working, layers, recovered),
-    }
 }
 
 /// Lets detail finer than a working pixel travel, where that is wanted.

@@ -4,6 +4,7 @@ use std::collections::BTreeSet;
 
 use super::placing::Placed;
 use super::rates::RATES;
+use super::run::Run;
 use crate::base::error::Result;
 use crate::base::observe::{self, stage};
 use crate::base::par;
@@ -14,7 +15,6 @@ use crate::library::variant::PIECE;
 use crate::raster::image::Plane;
 use crate::raster::pyramid::{collapse, laplacian, reduce};
 use crate::render::recover::AssignedMotion;
-use crate::synth::methods::database::Run;
 
 /// Frames of a clip that are looked at.
 const FRAMES: usize = 25;

@@ -8,10 +8,10 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{Observer, Part};
 use crate::base::rng;
 use crate::flow::field::Field;
-use crate::patch::atlas::Atlas;
+use crate::patch::data::patches::Patches;
 use crate::patch::engine::{Engine, Frame, Image, Settings, Source, Target as Start};
-use crate::patch::nnf::Nnf;
-use crate::patch::segments::{BOUNDARY, INTERIOR, Thresholds};
+use crate::patch::data::field::Nnf;
+use crate::patch::data::segments::{BOUNDARY, INTERIOR, Thresholds};
 use crate::patch::vote::{Anchor, Manner};
 use crate::raster::image::Plane;
 use crate::raster::premultiplied::Premultiplied;
@@ -115,7 +115,7 @@ impl<'a> Chain<'a> {
         let looked_at = if self.exemplar.is_still() { 1 } else { LOOKED_AT };
         for k in 0..looked_at {
             let t = k * frames / looked_at;
-            if !self.source_of(t, t)?.atlas().patches.centres(INTERIOR).is_empty() {
+            if self.source_of(t, t)?.finest().count_in(INTERIOR) > 0 {
                 return Ok(());
             }
         }
@@ -167,11 +167,11 @@ impl<'a> Chain<'a> {
         }
         let anchor = (self.recipe.anchor > 0.0).then(|| self.anchor(&before, &coherence));
         let target = Start {
-            image: self.image(&start, &alpha, &before),
             kept: Some(coherence.map(|c| c * self.recipe.keep)),
             modulation: Some(coherence),
             anchor,
             previous: self.recipe.carries_field.then(|| state.field.carried(|x, y| carry.position(x, y))),
+            ..Start::new(self.image(&start, &alpha, &before))
         };
         let source = self.source_of(t, state.t)?;
         let frame = self.engine.frame(source.as_ref(), &target, &self.part(t))?;
@@ -184,8 +184,8 @@ impl<'a> Chain<'a> {
     }
 
     /// The exemplar's patches, where they are the same for all frames.
-    pub fn atlas(&self) -> Option<&Atlas> {
-        self.source.as_ref().map(Source::atlas)
+    pub fn patches(&self) -> Option<&Patches> {
+        self.source.as_ref().map(Source::finest)
     }
 
     /// Designed opacity of frame `to`, and the motion that leads there from its neighbour `from`.
@@ -208,7 +208,7 @@ impl<'a> Chain<'a> {
         // Robust votes are powers of whole-number distances; one of distance 1 is what the anchor counts in.
         let vote = match self.recipe.settings.manner {
             Manner::Robust => f64::from(layout.to_distance(1.0)).powf(-0.6) as f32,
-            Manner::Mean | Manner::Centred | Manner::Median | Manner::Discrete => 1.0,
+            Manner::Mean | Manner::Centred | Manner::Median | Manner::Discrete | Manner::Likely => 1.0,
         };
         let weight = coherence.map(|c| c * self.recipe.anchor * vote);
         Anchor { planes: before.planes[..synthesised].to_vec(), weight }
@@ -286,9 +286,9 @@ fn left(t: i64, frame: Frame, source: &Source, alpha: &Plane, owed: Field) -> St
 }
 
 fn record(t: i64, frame: &Frame, source: &Source) -> FrameRecord {
-    let (atlas, usage) = (source.atlas(), frame.nnf.usage(source.atlas()));
+    let (patches, usage) = (source.finest(), frame.nnf.usage(source.finest()));
     let range = |segment: u8| {
-        let counts = || atlas.patches.centres(segment).iter().map(|&s| usage[s as usize]);
+        let counts = || patches.centres(segment).map(|s| usage[s as usize]);
         counts().min().zip(counts().max())
     };
     let last = frame.levels.last();

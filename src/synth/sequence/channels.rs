@@ -1,7 +1,7 @@
 //! From frames to the channels of the patch engine (LazyFluids, Eq. 8), alike for source and target.
 
 use crate::base::error::Result;
-use crate::patch::channels::{Channel, Layout, Role};
+use crate::patch::data::channels::{Channel, Layout, Role};
 use crate::patch::engine::Image;
 use crate::raster::filter::gaussian;
 use crate::raster::image::Plane;

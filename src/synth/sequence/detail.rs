@@ -6,7 +6,7 @@ use std::ops::Range;
 use super::chain::State;
 use super::whole_pixels::shown;
 use crate::base::par;
-use crate::patch::atlas::{Atlas, Place};
+use crate::patch::data::patches::{Patches, Place};
 use crate::patch::engine::Image;
 use crate::raster::image::Plane;
 use crate::raster::premultiplied::Premultiplied;
@@ -63,7 +63,7 @@ impl Detail {
     }
 
     /// The detail of a frame at output size: that of the patches at the four working pixels around.
-    pub fn of(&self, state: &State, atlas: &Atlas) -> [Plane; 3] {
+    pub fn of(&self, state: &State, patches: &Patches) -> [Plane; 3] {
         const ROWS: usize = 16;
         let ((width, height), owed) = (self.output, shown(&state.owed));
         let mut data = vec![0.0; width * height * 3];
@@ -73,7 +73,7 @@ impl Detail {
                     let at = |v: usize| (v as f32 + 0.5) / self.scale.0;
                     let (x, y) = (at(x), at(k * ROWS + j));
                     let (u, v) = (owed.u.bilinear(x, y), owed.v.bilinear(x, y));
-                    self.pixel(state, atlas, (x - u, y - v), pixel);
+                    self.pixel(state, patches, (x - u, y - v), pixel);
                 }
             }
         });
@@ -81,7 +81,7 @@ impl Detail {
     }
 
     /// The detail at a place of the working image, pixel centres at ½.
-    fn pixel(&self, state: &State, atlas: &Atlas, (x, y): (f32, f32), out: &mut [f32]) {
+    fn pixel(&self, state: &State, patches: &Patches, (x, y): (f32, f32), out: &mut [f32]) {
         let (width, height) = state.layer.size();
         let (left, top) = ((x - 0.5).floor(), (y - 0.5).floor());
         for (column, row) in [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)] {
@@ -95,7 +95,7 @@ impl Detail {
             if cell.place == Place::NONE {
                 continue;
             }
-            let (turn, sx, sy) = atlas.locate(cell.place);
+            let (turn, sx, sy) = patches.locate(cell.place);
             let (fx, fy) = ((sx as f32 + x - cx) * self.scale.1, (sy as f32 + y - cy) * self.scale.1);
             for (out, plane) in out.iter_mut().zip(&self.turns[turn]) {
                 *out += weight * plane.bilinear(fx, fy);

@@ -19,9 +19,9 @@ use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
 use crate::synth::exemplar::exemplar::{Exemplar, Wanted};
 use crate::synth::maps::maps;
-use crate::synth::memory;
 use crate::synth::method::Outcome;
 use crate::synth::record::{FrameRecord, RunRecord, SynthesisRecord, Timed};
+use crate::synth::{memory, separation};
 use crate::video::clip::Sink;
 
 /// Memory of a frame that waits for the end of the loop, bytes per working pixel: colours, opacity, owed motion, field.
@@ -177,7 +177,7 @@ impl Show<'_> {
     }
 
     fn alone(&self, state: &State) -> Result<Shown> {
-        let detail = self.detail.as_ref().zip(self.chain.atlas()).map(|(detail, atlas)| detail.of(state, atlas));
+        let detail = self.detail.as_ref().zip(self.chain.patches()).map(|(detail, patches)| detail.of(state, patches));
         let mut fluid = state.shown();
         let place = state.t.clamp(0, self.target.frames() as i64 - 1) as usize;
         if self.soft {
@@ -210,7 +210,7 @@ fn overlay(run: &Run) -> Result<Overlay> {
             }
             None
         }
-        false => Some(crate::synth::pieces::outline::background(still, observer)?),
+        false => Some(separation::background(still, observer)?),
     };
     let matte = scene.designed().is_none().then(|| still.matte.clone());
     Ok(Overlay { picture: still.picture.clone(), matte, behind })

@@ -59,7 +59,7 @@ impl Carry {
         inside.then_some((x as usize, y as usize))
     }
 
-    /// The same as a position, pixel centres at ½, as [`crate::patch::nnf::Nnf::carried`] wants it.
+    /// The same as a position, pixel centres at ½, as [`crate::patch::data::field::Nnf::carried`] wants it.
     pub fn position(&self, x: usize, y: usize) -> (f32, f32) {
         let (dx, dy) = self.steps[y * self.width + x];
         (x as f32 + 0.5 - dx as f32, y as f32 + 0.5 - dy as f32)

@@ -8,8 +8,8 @@ use std::collections::VecDeque;
 use std::io::{BufWriter, Seek, SeekFrom, Write};
 use std::path::Path;
 
+use super::options::{FrameRate, SinkOptions, check_alpha, check_frame};
 use super::patch::{Differ, Patch};
-use super::sink::{FrameRate, SinkOptions, check_alpha, check_frame};
 use crate::base::atomic_file::AtomicFile;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::par::Tasks;

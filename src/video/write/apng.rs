@@ -7,8 +7,8 @@ use image::ImageResult;
 use image::error::{EncodingError, ImageError, ImageFormatHint};
 
 use super::animation::{AnimationWriter, Format, SHORTEST, milliseconds};
+use super::options::{FrameRate, SinkOptions};
 use super::patch::Patch;
-use super::sink::{FrameRate, SinkOptions};
 use crate::raster::picture_io::encode_rgba_png;
 
 /// Writes frames as animated PNG.

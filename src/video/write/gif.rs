@@ -12,9 +12,9 @@ use std::io::{BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use super::options::{SinkOptions, check_alpha, check_frame};
 use super::palette::{Histogram, Palette};
 use super::patch::changed;
-use super::sink::{SinkOptions, check_alpha, check_frame};
 use crate::base::atomic_file::AtomicFile;
 use crate::base::error::{Error, Kind, Result};
 use crate::raster::image::Rgb8;

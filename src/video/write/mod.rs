@@ -4,6 +4,7 @@ mod animation;
 mod apng;
 pub mod gif;
 pub mod mp4;
+pub mod options;
 mod palette;
 mod patch;
 pub mod png_folder;

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use super::sink::{SinkOptions, check_alpha, check_frame};
+use super::options::{SinkOptions, check_alpha, check_frame};
 use crate::base::atomic_file::AtomicFolder;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::par::Tasks;

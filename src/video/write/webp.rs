@@ -9,8 +9,8 @@ use image::codecs::webp::WebPEncoder;
 use image::{ExtendedColorType, ImageResult};
 
 use super::animation::{AnimationWriter, Format, SHORTEST, milliseconds};
+use super::options::{FrameRate, SinkOptions};
 use super::patch::Patch;
-use super::sink::{FrameRate, SinkOptions};
 
 /// Writes frames as animated WebP.
 pub(super) type WebpWriter = AnimationWriter<Webp>;

@@ -6,7 +6,7 @@
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 
-use super::sink::{SinkOptions, check_frame};
+use super::options::{SinkOptions, check_frame};
 use crate::base::atomic_file::AtomicFile;
 use crate::base::error::{Error, Kind, Result};
 use crate::raster::image::Rgb8;

@@ -1,15 +1,6 @@
 //! Edit lists: which samples are decoded, which of them are shown, and when.
 
-use super::track::Sample;
-
-/// One entry of an edit list, in media units.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Edit {
-    /// How long it lasts.
-    pub duration: i64,
-    /// Media time it starts at; `None` shows nothing (an empty edit).
-    pub media: Option<i64>,
-}
+use super::track::{Edit, Sample};
 
 /// A stretch of samples to decode in order and the frames to show from it.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -1,7 +1,6 @@
 //! The video track of a movie: where its samples lie, when they are shown, what codec they use.
 
 use super::boxes::{Bytes, Name, child, children, find};
-use super::timeline::Edit;
 use crate::video::clip::Turn;
 use crate::video::read::h264::Colour;
 
@@ -23,6 +22,15 @@ pub struct Sample {
     pub duration: u32,
     /// Whether decoding may start here.
     pub sync: bool,
+}
+
+/// One entry of an edit list, in media units.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Edit {
+    /// How long it lasts.
+    pub duration: i64,
+    /// Media time it starts at; `None` shows nothing (an empty edit).
+    pub media: Option<i64>,
 }
 
 /// A video track.

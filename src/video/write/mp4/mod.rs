@@ -17,7 +17,7 @@ use rusty_h264::{ChromaFormat, Encoder, EncoderConfig, Preset, Profile, YuvFrame
 
 use self::avc_headers as avc;
 use self::boxes::Track;
-use super::sink::{FrameRate, SinkOptions, check_frame};
+use super::options::{FrameRate, SinkOptions, check_frame};
 use crate::base::atomic_file::AtomicFile;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::par::Tasks;
