@@ -133,7 +133,8 @@ pub fn version() -> &'static str {
     static TEXT: OnceLock<String> = OnceLock::new();
     TEXT.get_or_init(|| {
         let used = InstructionSet::chosen();
-        let others: Vec<&str> = InstructionSet::available().filter(|&set| set != used).map(InstructionSet::name).collect();
+        let others: Vec<&str> =
+            InstructionSet::available().filter(|&set| set != used).map(InstructionSet::name).collect();
         let also = if others.is_empty() { String::new() } else { format!("; also: {}", others.join(", ")) };
         format!("{} (instructions: {}{also})", env!("CARGO_PKG_VERSION"), used.name())
     })
@@ -219,6 +220,19 @@ mod tests {
         assert!(error.contains("avx512, avx2, portable") && error.contains("did you mean \"avx512\"?"), "{error}");
         assert_eq!(InstructionSet::available().last(), Some(InstructionSet::Portable));
         assert!(version().starts_with(env!("CARGO_PKG_VERSION")) && version().contains("portable"));
+    }
+
+    /// The tests of kernels against what they are defined to be, again with every set but the best.
+    #[test]
+    fn kernels_are_right_on_every_set() {
+        let tests =
+            ["base::matmul", "flow::tv_l1", "descriptor::", "patch::distance", "assign::dual_bound", "video::yuv"];
+        for set in InstructionSet::available().skip(1) {
+            let mut child = std::process::Command::new(std::env::current_exe().unwrap());
+            let done = child.env(VARIABLE, set.name()).args(tests).output().unwrap();
+            let said = String::from_utf8_lossy(&done.stdout);
+            assert!(done.status.success() && !said.contains("running 0 tests"), "{}: {said}", set.name());
+        }
     }
 
     #[test]

@@ -383,9 +383,8 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
     collector.finish()?;
     if !to_stdout {
         let folder = output.parent().unwrap_or(Path::new(""));
-        let write = |what, text: String| {
-            own_file::write(&free_beside(output, what, &inputs, observer), text.as_bytes())
-        };
+        let write =
+            |what, text: String| own_file::write(&free_beside(output, what, &inputs, observer), text.as_bytes());
         write(SCENE_FILE, scene.to_toml(folder)?)?;
         write(SUMMARY, to_json(&outcome.record)?)?;
     }
@@ -414,10 +413,10 @@ impl Places<'_> {
     fn refuse_input(&self, inputs: &Inputs) -> Result<()> {
         let remedy = "give another name with -o, or another folder with --report";
         if self.output != Path::new("-") {
-            inputs.refuse(self.output, remedy)?;
+            inputs.refuse(self.output, "video", remedy)?;
         }
         let files = || self.report.into_iter().flat_map(|folder| FILES.map(|name| folder.join(name)));
-        files().try_for_each(|path| inputs.refuse(&path, remedy))?;
+        files().try_for_each(|path| inputs.refuse(&path, "video", remedy))?;
         files().try_for_each(|path| own_file::check(&path))
     }
 }

@@ -10,8 +10,8 @@ use std::path::Path;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, metadata::Orientation};
 
 use super::image::{Plane, Rgb8};
-use crate::base::{atomic_file, own_file};
 use crate::base::error::{Error, Kind, Result};
+use crate::base::{atomic_file, own_file};
 
 /// Most pixels of a picture that is read.
 pub const MAX_PIXELS: u64 = 64_000_000;

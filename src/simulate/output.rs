@@ -126,7 +126,7 @@ fn prepare(setup: &Setup, output: &Path) -> Result<AtomicFolder> {
     }
     let shapes = setup.file.emitters.iter().map(|e| &e.shape).chain(&setup.file.obstacles);
     let inputs = Inputs::new(shapes.filter_map(|shape| shape.mask.clone()).chain(setup.path.clone()));
-    inputs.refuse(output, "name another folder with -o")?;
+    inputs.refuse(output, "simulation", "name another folder with -o")?;
     own_file::check(&there)?;
     let text = format(&with_masks(&setup.file, &folder)?)?;
     folder.write(SIMULATION_FILE, &own_file::marked(text.as_bytes()))?;
@@ -143,8 +143,12 @@ fn refuse_stranger(output: &Path) -> Result<()> {
     if summary.is_some_and(|summary| summary.get("mass_drift").is_some()) {
         return Ok(());
     }
-    Err(Error::file(Kind::Usage, output, format!("holds {name}, which enliven simulate did not write: no {SUMMARY} says so"))
-        .remedy("write to another folder"))
+    Err(Error::file(
+        Kind::Usage,
+        output,
+        format!("holds {name}, which enliven simulate did not write: no {SUMMARY} says so"),
+    )
+    .remedy("write to another folder"))
 }
 
 struct Writer<'s> {
