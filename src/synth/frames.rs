@@ -1,5 +1,6 @@
 //! From clips to frames: loops are found, then frames are made in blocks and handed on in order.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 
 use super::database::Run;
@@ -106,7 +107,7 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
             let outlines = outline.follow(&differences);
             let before = (first - start).saturating_sub(b * block).min(differences.len());
             let t = (start + b * block + before) % output.length();
-            let frame = |i: usize| (t + i, &differences[before + i], &outlines[before + i]);
+            let frame = |i: usize| (t + i, Cow::Borrowed(&differences[before + i]), &outlines[before + i]);
             writer.write(differences.len() - before, frame)
         })
     })
@@ -123,10 +124,26 @@ pub fn carry(
     sink: &mut dyn Sink,
     observer: &Timed,
 ) -> Result<()> {
-    let wanted = scene.wanted_frames();
     let none = Plane::zeros(matte.width, matte.height);
+    show(scene, compositor, matte, |_| Cow::Borrowed(&none), sink, observer)
+}
+
+/// Makes the frames that have `differences(t)`, inside an outline that stays.
+///
+/// # Errors
+/// A sink that fails, a cancel.
+pub fn show<'f>(
+    scene: &Scene,
+    compositor: &Compositor,
+    matte: &'f Plane,
+    differences: impl Fn(usize) -> Cow<'f, Plane> + Sync + Send,
+    sink: &mut dyn Sink,
+    observer: &Timed,
+) -> Result<()> {
+    let wanted = scene.wanted_frames();
     let mut writer = Writer { compositor, alpha: scene.settings().output.alpha, sink, observer };
-    stage(observer, "frames", wanted.len() as u64, || writer.write(wanted.len(), |i| (wanted.start + i, &none, matte)))
+    let frame = |i: usize| (wanted.start + i, differences(wanted.start + i), matte);
+    stage(observer, "frames", wanted.len() as u64, || writer.write(wanted.len(), frame))
 }
 
 /// Per source of the layout: its clip's frames, from its phase on.
@@ -182,16 +199,16 @@ impl Writer<'_> {
     fn write<'f>(
         &mut self,
         count: usize,
-        frame: impl Fn(usize) -> (usize, &'f Plane, &'f Plane) + Sync + Send,
+        frame: impl Fn(usize) -> (usize, Cow<'f, Plane>, &'f Plane) + Sync + Send,
     ) -> Result<()> {
         let (compositor, alpha, observer) = (self.compositor, self.alpha, self.observer);
         let make = |i: usize| {
             let (t, differences, outline) = frame(i);
             Ok(if alpha {
-                let (fluid, opacity) = compositor.fluid(t, differences, outline);
+                let (fluid, opacity) = compositor.fluid(t, &differences, outline);
                 (fluid, Some(opacity))
             } else {
-                (compositor.frame(t, differences, outline), None)
+                (compositor.frame(t, &differences, outline), None)
             })
         };
         par::ordered_map(0..count, 2, make, |_, (frame, opacity)| {

@@ -7,6 +7,7 @@ pub mod chain;
 pub mod channels;
 pub mod database;
 pub mod detail;
+pub mod differences;
 pub mod exemplar;
 pub mod exemplar_files;
 pub mod footage;
@@ -18,6 +19,7 @@ pub mod lazyfluids;
 pub mod legend;
 pub mod maps;
 pub mod memory;
+pub mod okabe2009;
 pub mod outcome;
 pub mod outline;
 pub mod own;
@@ -110,7 +112,14 @@ pub struct MethodEntry {
 }
 
 /// All methods.
-pub const REGISTRY: &[MethodEntry] = &[database::ENTRY, advect::ENTRY, hybrid::ENTRY, lazyfluids::ENTRY, kwatra::ENTRY];
+pub const REGISTRY: &[MethodEntry] = &[
+    database::ENTRY,
+    advect::ENTRY,
+    hybrid::ENTRY,
+    okabe2009::ENTRY,
+    lazyfluids::ENTRY,
+    kwatra::ENTRY,
+];
 
 /// The method of a picture when none is named.
 pub const DEFAULT_METHOD: &str = "database";
