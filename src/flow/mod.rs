@@ -10,5 +10,6 @@ pub mod orientation;
 pub mod painted_strokes;
 pub mod radial_basis;
 pub mod rendered;
+pub mod stroke_files;
 pub mod strokes;
 pub mod tv_l1;

@@ -4,6 +4,7 @@ pub mod components;
 pub mod exr_file;
 pub mod filter;
 pub mod image;
+pub mod npy;
 pub mod picture_io;
 pub mod premultiplied;
 pub mod pyramid;

@@ -7,13 +7,13 @@ use crate::base::error::{Error, Result};
 use crate::base::observe::{Observer, Silent};
 use crate::flow::draw::{arrows, strokes};
 use crate::flow::field::Field;
-use crate::flow::strokes as stroke_file;
+use crate::flow::stroke_files;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::picture_io::write_png;
 use crate::raster::resample::{resize, resize_rgb8};
 use crate::scene::designed::Designed;
 use crate::scene::scene::{Scene, Still};
-use crate::synth::exemplar_files::{self, Frames, Reading};
+use crate::synth::exemplar::files::{self, Frames, Reading};
 use crate::video::conform::{ConformOptions, Conformed};
 
 /// Folder of the pictures, in that of the scene.
@@ -106,7 +106,7 @@ fn motion_asked(scene: &Scene, still: &Still, picture: &Rgb8) -> Result<Option<(
     if let Some(path) = &scene.settings().motion.strokes {
         let size = still.map.picture;
         let scale = picture.width as f32 / size.0 as f32;
-        let lines: Vec<_> = stroke_file::read(path, size)?.into_iter().map(|stroke| stroke.points).collect();
+        let lines: Vec<_> = stroke_files::read(path, size)?.into_iter().map(|stroke| stroke.points).collect();
         strokes(&mut drawn, &lines, scale);
         caption += ", with the strokes that ask for it in white";
     }
@@ -132,14 +132,13 @@ fn exemplar(planned: &PlannedScene) -> Result<Vec<Shown>> {
     let Some(path) = &planned.file.exemplar else { return Ok(Vec::new()) };
     let fps = planned.file.output.fps;
     let reading = Reading { long_side: LONG_SIDE, picture_side: LONG_SIDE, limit: 2, fps, fade: 0, room: None };
-    let (picture, caption) =
-        match exemplar_files::read(path, planned.file.exemplar_alpha.as_deref(), &reading, &Silent)? {
-            Frames::Still(frame) => (frame.on_black(), "The exemplar: what the looks are borrowed from, over black."),
-            Frames::Clip(frames) => (
-                frames[0].unpacked().on_black(),
-                "The exemplar, its first frame: what the looks are borrowed from, over black.",
-            ),
-        };
+    let (picture, caption) = match files::read(path, planned.file.exemplar_alpha.as_deref(), &reading, &Silent)? {
+        Frames::Still(frame) => (frame.on_black(), "The exemplar: what the looks are borrowed from, over black."),
+        Frames::Clip(frames) => (
+            frames[0].unpacked().on_black(),
+            "The exemplar, its first frame: what the looks are borrowed from, over black.",
+        ),
+    };
     Ok(vec![("exemplar", caption.into(), small(&picture))])
 }
 
