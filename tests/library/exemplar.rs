@@ -303,7 +303,9 @@ fn residuals_flow_as_is_asked_at_the_contrast_of_the_picture() {
     let apart = |across: isize| -> f32 {
         let place = (14..82).flat_map(|y| (60..116).map(move |x| (x, y)));
         let step = |(x, y): (usize, usize)| {
-            (4..24).map(|t| (lumas[t].at(x, y) - lumas[t - 4].at((x as isize - across) as usize, y)).powi(2)).sum::<f32>()
+            (4..24)
+                .map(|t| (lumas[t].at(x, y) - lumas[t - 4].at((x as isize - across) as usize, y)).powi(2))
+                .sum::<f32>()
         };
         place.map(step).sum()
     };

@@ -43,8 +43,12 @@ impl Differences {
     ) -> Result<Self> {
         let settings = scene.settings();
         let Some(path) = &settings.exemplar else {
-            return Err(Error::new(Kind::Usage, "exemplar", format!("{method} borrows from a clip, and none is named"))
-                .remedy("name a clip of a like fluid with --exemplar"));
+            return Err(Error::new(
+                Kind::Usage,
+                "exemplar",
+                format!("{method} borrows from a clip, and none is named"),
+            )
+            .remedy("name a clip of a like fluid with --exemplar"));
         };
         // A loop is looked for in twice the frames it needs.
         let limit = (2 * frames).max(4 * FADE);

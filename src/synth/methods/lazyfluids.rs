@@ -3,9 +3,9 @@
 use crate::base::error::{Error, Kind, Result};
 use crate::base::options::declare_options;
 use crate::patch::data::channels::Role;
+use crate::patch::data::segments::Thresholds;
 use crate::patch::engine::Settings;
 use crate::patch::rules::Rule;
-use crate::patch::data::segments::Thresholds;
 use crate::patch::vote::Manner;
 use crate::scene::scene::{Scene, Still};
 use crate::synth::exemplar::exemplar::Wanted;

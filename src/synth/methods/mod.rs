@@ -10,14 +10,8 @@ pub mod okabe2009;
 use super::method::MethodEntry;
 
 /// All methods.
-pub const REGISTRY: &[MethodEntry] = &[
-    database::ENTRY,
-    advect::ENTRY,
-    hybrid::ENTRY,
-    lazyfluids::ENTRY,
-    kwatra::ENTRY,
-    okabe2009::ENTRY,
-];
+pub const REGISTRY: &[MethodEntry] =
+    &[database::ENTRY, advect::ENTRY, hybrid::ENTRY, lazyfluids::ENTRY, kwatra::ENTRY, okabe2009::ENTRY];
 
 /// The method of a picture when none is named.
 pub const DEFAULT_METHOD: &str = "database";

@@ -168,9 +168,8 @@ fn take_apart(run: &Run) -> Result<TakenApart> {
     let long_side = if options.exemplar_size == 0 { width.max(height) } else { options.exemplar_size };
     let kept = (frames * Packed::bytes(width * height)) as u64;
     let room = memory::room(scene, kept)?;
-    let differences = stage(observer, "exemplar", 0, || {
-        Differences::of(scene, ENTRY.name, (long_side, frames), room, observer)
-    })?;
+    let differences =
+        stage(observer, "exemplar", 0, || Differences::of(scene, ENTRY.name, (long_side, frames), room, observer))?;
     let size = differences.size();
     memory::room(scene, kept + differences.bytes() + (frames * Packed::bytes(size.0 * size.1)) as u64)?;
     let count = differences.count();
@@ -202,7 +201,8 @@ fn choose(run: &Run, grid: &NodeGrid, clip: &TakenApart) -> Result<Vec<Turned>> 
     let weights = Weights { speed, texture, smooth, repeat };
     let choice = Choice { clip: size, phases: options.phases, seed: scene.settings().output.seed };
     turned::choose(grid, &picture, &features, &weights, &choice).ok_or_else(|| {
-        Error::new(Kind::Unusable, "exemplar", "nothing in the clip moves enough to be seen").remedy("name another clip")
+        Error::new(Kind::Unusable, "exemplar", "nothing in the clip moves enough to be seen")
+            .remedy("name another clip")
     })
 }
 
@@ -310,9 +310,8 @@ fn finish(run: &Run, mut made: Vec<Packed>, moving: &[Plane; BANDS]) -> Result<(
         let curves = Appearance::learn(&picture, matte, &samples, &options.matching());
         for block in made.chunks_mut(memory::BLOCKS * 2) {
             observe::check(observer)?;
-            let shown = par::map(block.len(), |i| {
-                Packed::new(&curves.apply(&sample(gains.apply(&block[i].unpacked()))))
-            });
+            let shown =
+                par::map(block.len(), |i| Packed::new(&curves.apply(&sample(gains.apply(&block[i].unpacked())))));
             observer.advance("appearance", shown.len() as u64);
             block.clone_from_slice(&shown);
         }
