@@ -15,6 +15,7 @@ use crate::cli::measure::record_of;
 use crate::library::names::Names;
 use crate::raster::image::Rgb8;
 use crate::raster::picture_io::{picture_size, write_own_png};
+use crate::report::arrays::Arrays;
 use crate::report::contact_sheet::spread;
 use crate::report::run::{FILES, SHEET_FRAMES, to_json, write as write_report};
 use crate::scene::designed::Designed;
@@ -25,6 +26,7 @@ use crate::synth::methods::{DEFAULT_METHOD, REGISTRY};
 use crate::synth::record::RunRecord;
 use crate::synth::run;
 use crate::video::clip::Sink;
+use crate::video::write::both::Both;
 use crate::video::write::options::{FrameRate, SinkOptions};
 use crate::video::write::sink;
 
@@ -111,13 +113,16 @@ pub struct Animate {
     /// An option of a method; may be given more than once
     #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
     pub set: Vec<String>,
-    /// Video (.mp4, .webp, .apng, .gif, .y4m) or a name without extension for a folder of PNG frames; - is y4m on
+    /// Video (.mp4, .webp, .apng, .gif, .y4m, or .npy for NumPy) or a name without extension for a folder of PNG frames; - is y4m on
     /// standard output
     #[arg(short, long)]
     pub output: PathBuf,
     /// Folder for a page (index.html) with a contact sheet, which clip went where, the motion, and where time went
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
+    /// Folder for NumPy arrays (.npy): the frames, the motion that was used and asked for, and which piece went where
+    #[arg(long, value_name = "DIR")]
+    pub arrays: Option<PathBuf>,
     /// Folder for pictures of the patch field, the usage counts and the channels on every level of every frame, for the
     /// methods that match patches
     #[arg(long, value_name = "DIR")]
@@ -256,6 +261,7 @@ impl Animate {
             scene: scene::files_of(&self.scene),
             output: &self.output,
             report: self.report.as_deref(),
+            arrays: self.arrays.as_deref(),
             preview: self.preview,
         };
         let record = match &self.debug {
@@ -290,6 +296,7 @@ struct Places<'a> {
     scene: Vec<PathBuf>,
     output: &'a Path,
     report: Option<&'a Path>,
+    arrays: Option<&'a Path>,
     /// Whether the first frame is written beside the output as soon as it is made (`.preview.png`).
     preview: bool,
 }
@@ -353,7 +360,7 @@ fn on_squares(frame: &Rgb8, alpha: &[u8]) -> Rgb8 {
 /// # Errors
 /// Bad input, by name; a full disk; an interruption. Nothing half-written stays.
 pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: &dyn Observer) -> Result<RunRecord> {
-    run(file, &Places { scene: Vec::new(), output, report, preview: false }, observer)
+    run(file, &Places { scene: Vec::new(), output, report, arrays: None, preview: false }, observer)
 }
 
 fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunRecord> {
@@ -370,7 +377,12 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
     let frames = scene.wanted_frames();
     let (loops, part) = (scene.settings().loops(), settings.frames_range.map(|_| frames.start));
     refuse_stranger(output, part.map(|_| frames.clone()))?;
-    let inner = sink::create_part(output, part, SinkOptions { width, height, rate, loops, alpha: settings.alpha })?;
+    let options = SinkOptions { width, height, rate, loops, alpha: settings.alpha };
+    let mut inner = sink::create_part(output, part, options)?;
+    let arrays = places.arrays.map(Arrays::create).transpose()?;
+    if let Some(arrays) = &arrays {
+        inner = Box::new(Both(inner, sink::create(&arrays.frames(), options)?));
+    }
     if let Some(folder) = report {
         std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
     }
@@ -381,6 +393,7 @@ fn run(file: SceneFile, places: &Places, observer: &dyn Observer) -> Result<RunR
     scene.leave_out(outcome.record.scene.without.clone());
     let frames = std::mem::take(&mut collector.kept);
     collector.finish()?;
+    arrays.map_or(Ok(()), |arrays| arrays.finish(&outcome))?;
     if !to_stdout {
         let folder = output.parent().unwrap_or(Path::new(""));
         let write =

@@ -10,6 +10,7 @@ use std::sync::OnceLock;
 
 use assert_cmd::Command;
 use enliven::raster::image::{Plane, Rgb8};
+use enliven::raster::npy;
 use enliven::raster::picture_io::{read_picture, write_grey_png, write_png};
 use enliven::report::run::to_json;
 use enliven::synth::record::RunRecord;
@@ -572,6 +573,27 @@ fn videos_are_written_with_their_scene_and_summary() {
     succeed(folder.path(), "enliven animate d.scene.toml --direction 90 --frames 4 -o e.gif");
     let scene = fs::read_to_string(folder.path().join("e.scene.toml")).unwrap();
     assert!(scene.contains("direction = 90") && !scene.contains("orientation"), "{scene}");
+}
+
+#[test]
+fn a_run_is_handed_to_python_as_arrays() {
+    let folder = studio();
+    let at = |name: &str| folder.path().join(name);
+    let line = "enliven animate picture.png --matte matte.png --library l.pack --direction 90 --frames 5 --quiet";
+    let output = succeed(folder.path(), &format!("{line} -o x.npy --arrays arrays --json"));
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let [width, height] = [0, 1].map(|i| summary["working_size"][i].as_u64().unwrap() as usize);
+    let shape = |name: &str| npy::Frames::open(&at(name)).unwrap().shape();
+    assert_eq!(shape("x.npy"), [5, 80, 112, 3]);
+    assert_eq!(fs::read(at("x.npy")).unwrap(), fs::read(at("arrays/frames.npy")).unwrap());
+    assert_eq!(shape("arrays/motion.npy"), [1, height, width, 2]);
+    assert_eq!(shape("arrays/asked-direction.npy"), [1, height, width, 2]);
+    assert_eq!(shape("arrays/asked-speed.npy"), [1, height, width, 1]);
+    assert_eq!(tree(&at("arrays")).len(), 6);
+    // What is in a folder stays.
+    let refused = format!("{line} -o y.npy --arrays arrays");
+    refuse(folder.path(), &refused, FAILED, &["arrays: holds ", "a new or empty folder", "write to another folder"]);
+    assert!(!at("y.npy").exists());
 }
 
 #[test]
