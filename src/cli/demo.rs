@@ -9,6 +9,7 @@ use crate::base::observe::Observer;
 use crate::cli::animate::animate;
 use crate::cli::common::{bytes, counted, duration, say};
 use crate::library::build::{Options, build};
+use crate::scene::exemplar_file::ExemplarFile;
 use crate::scene::file::SceneFile;
 use crate::scene::scene;
 use crate::simulate::output::simulate;
@@ -112,7 +113,7 @@ impl Demo {
         let target = self.output.join(format!("{name}-target"));
         simulate(&Setup::open(&input.join(simulation))?, &target, observer)?;
         let mut file = scene::open(&target)?;
-        (file.exemplar, file.method) = (Some(input.join(exemplar)), Some(method.to_owned()));
+        (file.exemplars, file.method) = (vec![ExemplarFile::new(input.join(exemplar))], Some(method.to_owned()));
         self.animate(name, file, observer)
     }
 }

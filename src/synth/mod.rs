@@ -18,6 +18,7 @@ pub mod lazyfluids;
 pub mod legend;
 pub mod maps;
 pub mod memory;
+pub mod opacity;
 pub mod outcome;
 pub mod outline;
 pub mod own;
@@ -28,6 +29,7 @@ pub mod placing;
 pub mod rates;
 pub mod record;
 pub mod rendering;
+pub mod shots;
 pub mod speeds;
 pub mod whole_pixels;
 
@@ -38,6 +40,7 @@ use std::sync::Arc;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::options::{Declared, Table, unknown};
+use crate::base::text::counted;
 use crate::library::names::Names;
 use crate::library::reader::Pack;
 use crate::raster::image::Rgb8;
@@ -97,8 +100,8 @@ pub struct MethodEntry {
     pub citation: &'static str,
     /// Whether it borrows from libraries.
     pub library: bool,
-    /// Whether it borrows from an exemplar.
-    pub exemplar: bool,
+    /// How many exemplars it borrows from at most; 0: it takes none.
+    pub exemplars: usize,
     /// Whether it takes a designed target ([`crate::scene::target`]) in place of a picture.
     pub designed: bool,
     /// Its options.
@@ -122,7 +125,7 @@ pub const DESIGNED_METHOD: &str = "lazyfluids";
 ///
 /// # Errors
 /// Unknown methods and tables (naming the nearest), unknown or bad options; a designed target for a method that takes
-/// none.
+/// none, or more exemplars than it takes.
 pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
     check_options(&scene.settings().options)?;
     let names: Vec<&str> = REGISTRY.iter().map(|m| m.name).collect();
@@ -138,6 +141,12 @@ pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
         return Err(
             Error::new(Kind::Usage, "method", problem).allowed(format!("a method that does: {}", takers.join(", ")))
         );
+    }
+    let given = scene.settings().exemplars.len();
+    if method.exemplars > 0 && given > method.exemplars {
+        let takes = format!("{name} borrows from {}", counted(method.exemplars as u64, "exemplar"));
+        return Err(Error::new(Kind::Usage, "exemplars", format!("{takes}, and {given} are named"))
+            .remedy("name fewer, or another method"));
     }
     let table = (method.complete)(&scene.options(method.name))?;
     scene.set_options(method.name, table);
@@ -181,8 +190,8 @@ fn note_unused(method: &MethodEntry, file: &SceneFile, observer: &dyn Observer) 
     if !method.library && !file.library.is_empty() {
         observer.note(&format!("{} borrows from no library: the one that is named is not used", method.name));
     }
-    if let Some(exemplar) = file.exemplar.as_ref().filter(|_| !method.exemplar) {
-        observer.note(&format!("{} takes no exemplar: {} is not used", method.name, exemplar.display()));
+    for exemplar in file.exemplars.iter().filter(|_| method.exemplars == 0) {
+        observer.note(&format!("{} takes no exemplar: {} is not used", method.name, exemplar.frames.display()));
     }
 }
 
