@@ -19,7 +19,7 @@ pub const DARKNESS: &str = "darkness";
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct ExemplarFile {
-    /// Its frames: a picture, a clip, or a folder of pictures.
+    /// Its frames: a picture, a clip, a folder of pictures or an `.npy` file.
     pub frames: PathBuf,
     /// Its opacity; none: the file's own, or opaque all over.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -27,7 +27,8 @@ pub struct ExemplarFile {
     /// Its motion, pixels per frame: a folder with a file for every frame, or for every step between two.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub flow: Option<PathBuf>,
-    /// What else is known of every pixel, in [0, 1]: a picture for all frames, or a clip or a folder with one for each.
+    /// What else is known of every pixel, in [0, 1]: a grey picture for all frames, a clip or a
+    /// folder with one for each, or an `.npy` file of any number of components.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub parameters: Option<PathBuf>,
 }

@@ -196,8 +196,10 @@ mod tests {
     use crate::base::observe::Silent;
     use crate::base::observe::testing::Notes;
     use crate::raster::image::Rgb8;
+    use crate::raster::npy;
     use crate::raster::picture_io::{encode_deep_grey_png, write_grey_png, write_png};
     use crate::scene::file::{Motion, Output, SceneFile, TargetFile};
+    use ndarray::Array4;
     use std::path::Path;
 
     /// A picture of 1280 × 720, its left half fluid, with some motion asked for.
@@ -351,6 +353,72 @@ mod tests {
         // Each frame says where it came from.
         let flow = target.flow(2).unwrap();
         assert_eq!((flow.u.at(9, 9), flow.v.at(9, 9)), (2.0, 2.0));
+    }
+
+    #[test]
+    fn heights_keep_their_scale_and_parameters_their_components() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut file = designed(folder.path());
+        std::fs::create_dir_all(folder.path().join("height")).unwrap();
+        for (t, number) in (7..11).enumerate() {
+            let height = Plane::filled(64, 32, 0.2 * t as f32);
+            let bytes = encode_deep_grey_png(&height).unwrap();
+            std::fs::write(folder.path().join(format!("height/{number}.png")), bytes).unwrap();
+        }
+        let (heat, array) =
+            (folder.path().join("heat.npy"), |frames, value: f32| Array4::from_elem((frames, 32, 64, 2), value));
+        npy::write_array(&heat, array(4, 0.25).view()).unwrap();
+        let target = file.target.as_mut().unwrap();
+        (target.height, target.parameters) = (Some(folder.path().join("height")), Some(heat.clone()));
+        let of = |file: &SceneFile| of(file.clone());
+        let height = |file: &SceneFile| of(file).unwrap().height(3).unwrap().unwrap();
+        assert_eq!(height(&file).pixels, None);
+        std::fs::write(folder.path().join("summary.json"), r#"{"height_white": 40.0}"#).unwrap();
+        assert_eq!(height(&file).pixels, Some(40.0));
+        assert!((height(&file).plane.at(9, 9) - 0.6).abs() < 1e-4);
+        file.target.as_mut().unwrap().height_white = Some(8.0);
+        assert_eq!(height(&file).pixels, Some(8.0));
+        // At half the size a height is half as many pixels.
+        let map = FrameMap { picture: (64, 32), working: (32, 16), output: (64, 32) };
+        let half = Target { map, ..of(&file).unwrap() };
+        let (height, parameters) = (half.height(3).unwrap().unwrap(), half.parameters(2).unwrap().unwrap());
+        assert_eq!((height.pixels, height.plane.width, parameters.len()), (Some(4.0), 32, 2));
+        assert!((parameters[1].at(9, 9) - 0.25).abs() < 1e-6);
+        let refuse = |file: &SceneFile, words: &[&str]| {
+            let message = of(file).unwrap_err().to_string();
+            words.iter().for_each(|word| assert!(message.contains(word), "{message} lacks {word}"));
+        };
+        npy::write_array(&heat, array(3, 0.25).view()).unwrap();
+        refuse(&file, &["heat.npy", "has 3 frames, the target has 4"]);
+        npy::write_array(&heat, Array4::<f32>::zeros((4, 32, 60, 1)).view()).unwrap();
+        refuse(&file, &["heat.npy", "60 × 32", "64 × 32"]);
+        npy::write_array(&heat, array(4, 1.5).view()).unwrap();
+        assert!(of(&file).unwrap().parameters(0).unwrap_err().to_string().contains("1.5"));
+        file.target.as_mut().unwrap().parameters = Some(folder.path().join("alpha"));
+        assert_eq!(of(&file).unwrap().parameters(1).unwrap().unwrap()[0].at(9, 9), 1.0);
+        file.target.as_mut().unwrap().height_white = Some(f32::NAN);
+        refuse(&file, &["target.height_white", "out of range"]);
+        file.target.as_mut().unwrap().height = None;
+        refuse(&file, &["target.height_white", "without a folder of heights"]);
+    }
+
+    #[test]
+    fn a_target_may_be_opacity_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut file = designed(folder.path());
+        file.target.as_mut().unwrap().flow = None;
+        let target = of(file.clone()).unwrap();
+        assert_eq!((target.frames(), target.size(), target.alpha(2).unwrap().at(20, 9)), (4, (64, 32), 1.0));
+        assert_eq!((target.height(0).unwrap(), target.parameters(0).unwrap()), (None, None));
+        for error in [target.must_flow().unwrap_err(), target.flow(1).unwrap_err()] {
+            assert!(error.to_string().contains("the target has no flow: "), "{error}");
+        }
+        for number in [9, 10] {
+            std::fs::remove_file(folder.path().join(format!("alpha/{number}.png"))).unwrap();
+        }
+        assert_eq!(of(file.clone()).unwrap().frames(), 2);
+        std::fs::remove_file(folder.path().join("alpha/8.png")).unwrap();
+        assert!(of(file).unwrap_err().to_string().contains("has only one frame"));
     }
 
     #[test]

@@ -9,6 +9,7 @@ pub mod database;
 pub mod detail;
 pub mod exemplar;
 pub mod exemplar_files;
+pub mod exemplar_video;
 pub mod footage;
 pub mod frames;
 pub mod gate;

@@ -3,6 +3,7 @@
 pub mod animation;
 mod animation_writer;
 mod apng_writer;
+mod array;
 pub mod avi;
 pub mod clip;
 pub mod conform;
