@@ -5,7 +5,8 @@ use std::path::PathBuf;
 use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::Observer;
 use enliven::cli::common::{bytes, counted, duration};
-use enliven::library::build::{BuildReport, Options, build};
+use enliven::library::build::{BuildReport, build};
+use enliven::library::options::Options;
 use enliven::say;
 
 /// Build a library from clips. What is finished is kept when it is interrupted; run it again to go on.

@@ -11,11 +11,12 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use enliven::base::error::Result;
-use enliven::cli::common::{Common, exit};
+use enliven::base::instructions::version;
+use enliven::cli::common::{self, Common};
 
 /// Build and look after libraries of fluid clips for enliven.
 #[derive(Parser)]
-#[command(version, arg_required_else_help = true)]
+#[command(version = version(), arg_required_else_help = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -46,5 +47,5 @@ fn run(cli: &Cli) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    exit(run(&Cli::parse()))
+    common::main(Cli::parse, run)
 }

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::Observer;
 use enliven::library::acceptance::{Camera, Reason};
-use enliven::library::build::Options;
+use enliven::library::options::Options;
 use enliven::library::scan::{Judged, Scanned, reason, scan};
 use enliven::say;
 use serde_json::json;

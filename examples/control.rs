@@ -135,14 +135,14 @@ impl Place {
             still.working_matte.data.iter().zip(&sure.data).map(|(m, s)| m * if *s > 0.25 { 1.0 } else { 0.0 });
         let inside = Plane::from_vec(sure.width, sure.height, inside.collect());
         let mut recorder = Recorder::new(LONG_SIDE);
-        synth::run(&Scene::new(file.clone())?, &mut recorder, &Silent)?;
+        synth::run::run(&Scene::new(file.clone())?, &mut recorder, &Silent)?;
         measure(&recorder.into_footage(file.output.fps, true, Some(&inside))?, &asked)
     }
 
     /// Runs with the speed map of a first run as it is and doubled.
     fn speeds(&self, case: &Case) -> Result<()> {
         let strokes = self.strokes(case, false)?;
-        let first = synth::run(&Scene::new(self.file(case, &strokes))?, &mut Recorder::new(64), &Silent)?;
+        let first = synth::run::run(&Scene::new(self.file(case, &strokes))?, &mut Recorder::new(64), &Silent)?;
         let path = self.folder.path().join("speed.png");
         let map = first.pictures.iter().find(|p| p.0 == "speed").map(|p| &p.1);
         let (Some(map), Some(white)) = (map, first.record.max_speed) else { return Ok(()) };

@@ -14,8 +14,9 @@ use enliven::base::options::Words;
 use enliven::raster::image::Rgb8;
 use enliven::scene::file::{Output, SceneFile, set};
 use enliven::scene::scene::Scene;
-use enliven::synth::database;
-use enliven::synth::run;
+use enliven::synth::methods::database;
+use enliven::synth::pieces::options;
+use enliven::synth::run::run;
 use enliven::video::clip::Sink;
 
 const PICTURES: [&str; 4] = ["forest-waterfall", "sunset-rapids", "painted-waterfall", "mill-stream"];
@@ -83,7 +84,7 @@ fn main() -> Result<()> {
         println!("set ENLIVEN_DATA to the folder that holds the pictures, and name a library");
         return Ok(());
     };
-    let default = database::Options::default().lambda;
+    let default = options::Options::default().lambda;
     for picture in PICTURES {
         for (lambda, &(name, _)) in
             [default, 10.0 * default].iter().flat_map(|l| Solver::ALL.iter().map(move |s| (l, s)))

@@ -9,7 +9,8 @@ use std::time::Instant;
 use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::Observer;
 use enliven::base::par;
-use enliven::library::build::{Options, build};
+use enliven::library::build::build;
+use enliven::library::options::Options;
 use enliven::library::reader::Pack;
 use enliven::library::verify::verify;
 

@@ -14,18 +14,19 @@ use anyhow::{Context, Result, ensure};
 use enliven::base::observe::Silent;
 use enliven::base::par;
 use enliven::base::rng::{hash, unit};
-use enliven::patch::channels::{Channel, Layout, Role, Stack};
+use enliven::patch::data::channels::{Channel, Layout, Role, Stack};
 use enliven::patch::engine::{Engine, Frame, Image, Settings, Target};
-use enliven::patch::nnf::Nnf;
-use enliven::patch::patch_match::{Search, Steps, Sweep};
-use enliven::patch::segments::{Patches, Thresholds, labels};
+use enliven::patch::data::field::Nnf;
+use enliven::patch::patch_match::{Search, Sweep};
+use enliven::patch::data::patches::Patches;
+use enliven::patch::data::segments::{Thresholds, labels};
 use enliven::raster::filter::gaussian;
 use enliven::raster::image::Plane;
 use enliven::raster::picture_io::read_picture;
 use enliven::raster::resample::resize;
-use enliven::synth::chain::Recipe;
-use enliven::synth::lazyfluids::Options;
-use enliven::synth::patch_method::PatchMethod;
+use enliven::synth::methods::lazyfluids::Options;
+use enliven::synth::sequence::chain::Recipe;
+use enliven::synth::sequence::patch_method::PatchMethod;
 use rustix::time::{ClockId, clock_gettime};
 
 /// Frames of a sequence; the first starts from nothing and does not count.
@@ -108,7 +109,7 @@ fn pair(side: usize) -> (Layout, Patches, Patches) {
 /// side `reach` and ever half of that.
 fn searched(side: usize, sweeps: usize, reach: usize) -> (f64, f64, f64) {
     let (layout, from, to) = pair(side);
-    let search = Search { layout: &layout, from: &from, to: &to, steps: Steps::Full, apart: 0 };
+    let search = Search::plain(&layout, &from, &to);
     let mut nnf = Nnf::random(&from, &to, 1);
     search.evaluate(&mut nnf);
     let mut total = (0.0, 0.0);

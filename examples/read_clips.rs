@@ -9,10 +9,11 @@ use std::process::{Command, ExitCode, Stdio};
 use std::time::Duration;
 
 use enliven::base::error::Result;
+use enliven::video::clip::Range;
 use enliven::video::clip::{Pixels, RawFrame};
 use enliven::video::conform::{ConformOptions, Conformed};
-use enliven::video::source::{self, Decoder};
-use enliven::video::{clip::Range, ffmpeg};
+use enliven::video::read::ffmpeg;
+use enliven::video::read::source::{self, Decoder};
 
 fn main() -> ExitCode {
     let Some(data) = std::env::var_os("ENLIVEN_DATA") else {

@@ -21,7 +21,7 @@ use enliven::scene::file::{SceneFile, set};
 use enliven::scene::frame_map::FrameMap;
 use enliven::scene::scene::Scene;
 use enliven::synth::record::AssignmentRecord;
-use enliven::synth::run;
+use enliven::synth::run::run;
 use enliven::video::clip::Sink;
 
 const PICTURES: [&str; 4] = ["forest-waterfall", "sunset-rapids", "painted-waterfall", "mill-stream"];

@@ -7,7 +7,7 @@ use std::path::Path;
 use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::Silent;
 use enliven::library::acceptance::{Camera, Reason, Report};
-use enliven::library::build::Options;
+use enliven::library::options::Options;
 use enliven::library::scan::{Judged, judge};
 
 /// Whether the judgement of the camera agrees with the column; "small drift" agrees with either, given a number.

@@ -22,10 +22,10 @@ use enliven::base::rng::{hash, unit};
 use enliven::flow::field::Field;
 use enliven::flow::io;
 use enliven::flow::tv_l1::{Params, TvL1};
-use enliven::patch::atlas::{Atlas, Place};
-use enliven::patch::nnf::Nnf;
+use enliven::patch::data::field::Nnf;
+use enliven::patch::data::patches::{Patches, Place};
+use enliven::patch::data::segments::NO_PATCH;
 use enliven::patch::rules::Rule;
-use enliven::patch::segments::NO_PATCH;
 use enliven::raster::filter::gaussian;
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::picture_io::{read_picture, write_grey_png, write_png};
@@ -39,10 +39,10 @@ use enliven::scene::scene::Scene;
 use enliven::scene::target::Target;
 use enliven::simulate::output::simulate;
 use enliven::simulate::setup::Setup;
-use enliven::synth::chain::{Chain, State};
-use enliven::synth::exemplar::Exemplar;
-use enliven::synth::lazyfluids::Options;
-use enliven::synth::patch_method::PatchMethod;
+use enliven::synth::exemplar::exemplar::Exemplar;
+use enliven::synth::methods::lazyfluids::Options;
+use enliven::synth::sequence::chain::{Chain, State};
+use enliven::synth::sequence::patch_method::PatchMethod;
 
 /// Side of exemplars and targets, pixels.
 const SIDE: usize = 256;
@@ -203,11 +203,11 @@ fn run(exemplar: &Path, target: &TargetFile, rule: &str, frames: usize, given: &
             let flow = target.flow(t)?;
             settled += 1;
             run.warp += unexplained(&before, &now, &flow, &pixels);
-            let atlas = chain.source_at(t as i64)?;
-            let (entropy, uses) = usage(&state.field, atlas.atlas());
+            let source = chain.source_at(t as i64)?;
+            let (entropy, uses) = usage(&state.field, source.finest());
             run.entropy += entropy;
             run.uses = if settled == 1 { uses } else { (run.uses.0.min(uses.0), run.uses.1.max(uses.1)) };
-            run.foreign = run.foreign.max(foreign(&state, atlas.atlas(), recipe.radius, &pixels));
+            run.foreign = run.foreign.max(foreign(&state, source.finest(), recipe.radius, &pixels));
             if t % STEP == 0 {
                 let (angle, weight) = angles(&before, &now, &flow, &pixels);
                 moved = (moved.0 + angle, moved.1 + weight);
@@ -278,22 +278,22 @@ fn angles(before: &Premultiplied, now: &Premultiplied, flow: &Field, pixels: &[(
 }
 
 /// Entropy of how often the exemplar's patches are used, over that of equal use, and the fewest and most uses.
-fn usage(field: &Nnf, atlas: &Atlas) -> (f64, (u32, u32)) {
-    let all = field.usage(atlas);
-    let uses = || all.iter().zip(atlas.patches.labels()).filter(|(_, l)| **l != NO_PATCH).map(|(n, _)| *n);
+fn usage(field: &Nnf, source: &Patches) -> (f64, (u32, u32)) {
+    let all = field.usage(source);
+    let uses = || all.iter().zip(source.labels()).filter(|(_, l)| **l != NO_PATCH).map(|(n, _)| *n);
     let total = uses().map(f64::from).sum::<f64>();
     let share = |n: u32| f64::from(n) / total;
     let entropy: f64 = uses().filter(|n| *n > 0).map(|n| -share(n) * share(n).ln()).sum();
     // As even as it can be: as many patches as there are, or as there are targets.
-    let even = (atlas.patches.count() as f64).min(total).ln();
+    let even = (source.count() as f64).min(total).ln();
     let range = uses().fold((u32::MAX, 0), |(least, most), n| (least.min(n), most.max(n)));
     (entropy / even, range)
 }
 
 /// Share of the pixels that are not between the least and the greatest of the exemplar's pixels that the patches over them
 /// name, by more than two levels of 255.
-fn foreign(state: &State, atlas: &Atlas, radius: usize, pixels: &[(usize, usize)]) -> f64 {
-    let (layer, stack) = (&state.layer, &atlas.patches.stack);
+fn foreign(state: &State, source: &Patches, radius: usize, pixels: &[(usize, usize)]) -> f64 {
+    let (layer, stack) = (&state.layer, &source.stack);
     let (columns, rows) = layer.size();
     let over = |v: usize, size: usize| v.saturating_sub(radius)..(v + radius + 1).min(size);
     let named = |x: usize, y: usize, c: usize| {

@@ -4,12 +4,13 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 use enliven::base::error::Result;
-use enliven::cli::common::{Common, exit};
+use enliven::base::instructions::version;
+use enliven::cli::common::{self, Common};
 use enliven::cli::{animate, compare, demo, measure, methods, simulate};
 
 /// Bring a still picture of water, fire or smoke to life.
 #[derive(Parser)]
-#[command(version, arg_required_else_help = true)]
+#[command(version = version(), arg_required_else_help = true)]
 struct Cli {
     #[command(subcommand)]
     command: Command,
@@ -40,5 +41,5 @@ fn run(cli: &Cli) -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    exit(run(&Cli::parse()))
+    common::main(Cli::parse, run)
 }

@@ -35,9 +35,11 @@ use enliven::scene::clip_strokes::along_motion;
 use enliven::scene::file::{SceneFile, set};
 use enliven::scene::left_out::LeftOut;
 use enliven::scene::scene::Scene;
-use enliven::synth::database::{Database, Options};
+use enliven::synth::method::{Outcome, Sources, Synthesizer};
+use enliven::synth::pieces::options::Options;
+use enliven::synth::pieces::piece_method::PieceMethod;
 use enliven::synth::record::Timed;
-use enliven::synth::{self, Outcome, Sources, Synthesizer};
+use enliven::synth::run::run;
 
 /// A clip: the fluid's library, and the file below `ENLIVEN_DATA`.
 type Listed = (Fluid, &'static str);
@@ -248,7 +250,7 @@ impl Known {
     /// The animation of a scene, and what is known of it.
     fn animate(&self, scene: &SceneFile) -> Result<(Footage, Outcome)> {
         let mut recorder = Recorder::new(640);
-        let outcome = synth::run(&Scene::new(scene.clone())?, &mut recorder, &Silent)?;
+        let outcome = run(&Scene::new(scene.clone())?, &mut recorder, &Silent)?;
         Ok((recorder.into_footage(scene.output.fps, true, Some(&self.matte))?, outcome))
     }
 
@@ -278,7 +280,7 @@ impl Known {
     fn random(&self) -> Result<Distances> {
         let scene = Scene::new(self.scene.clone())?;
         let options: Table = scene.options("database");
-        let method = Database::with_random_labels(Options::from_table(&options)?)?;
+        let method = PieceMethod::new("database", Options::from_table(&options)?, None).with_random_labels();
         let mut recorder = Recorder::new(640);
         method.synthesize(&scene, &Sources::open(&scene)?, &mut recorder, &Timed::new(&Silent))?;
         Ok(distances(&recorder.into_footage(self.scene.output.fps, true, Some(&self.matte))?, &self.target))

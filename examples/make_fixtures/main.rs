@@ -22,7 +22,8 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use enliven::raster::image::{Plane, Rgb8};
-use enliven::video::sink::{self, FrameRate, SinkOptions};
+use enliven::video::write::options::{FrameRate, SinkOptions};
+use enliven::video::write::sink;
 
 type Job = fn(&Path) -> Result<()>;
 

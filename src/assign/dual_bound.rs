@@ -5,9 +5,10 @@
 //! itself, their sum is a bound; each pass over the nodes shares costs out so that this sum does not fall. A node's
 //! cost is shared equally by the chains that run through it, one for each of its edges on the fuller side.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::energy::{Link, Links, Problem};
+use crate::base::instructions::kernel;
 
 /// Messages, and the best bound they gave.
 pub struct Dual<'a> {
@@ -177,7 +178,7 @@ fn lesser(a: f32, b: f32) -> f32 {
 }
 
 /// `out[j] = min_i (h[i] + λ table[i][j])`; there is a row for every element of `h`.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn over_rows(h: &[f32], table: &[f32], lambda: f32, out: &mut [f32]) {
     let n = out.len();
     out.fill(f32::INFINITY);
@@ -196,7 +197,7 @@ fn over_rows(h: &[f32], table: &[f32], lambda: f32, out: &mut [f32]) {
 }
 
 /// `out[i] = min_j (h[j] + λ table[i][j])`; a row has as many entries as `h`.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn over_columns(h: &[f32], table: &[f32], lambda: f32, out: &mut [f32]) {
     const LANES: usize = 16;
     let (chunks, tail) = h.as_chunks::<LANES>();

@@ -12,3 +12,4 @@ pub mod max_flow;
 pub mod nodes;
 pub mod pair_costs;
 pub mod solve;
+pub mod turned;

@@ -120,6 +120,7 @@ pub struct AtomicFolder {
     temporary: PathBuf,
     target: PathBuf,
     ours: fn(&str) -> bool,
+    kept: Vec<PathBuf>,
     committed: bool,
 }
 
@@ -134,7 +135,7 @@ impl AtomicFolder {
         let temporary = temporary_neighbour(&target)?;
         check_replaceable(&target, ours)?;
         fs::create_dir(&temporary).map_err(|e| unwritable(&target, e))?;
-        Ok(Self { temporary, target, ours, committed: false })
+        Ok(Self { temporary, target, ours, kept: Vec::new(), committed: false })
     }
 
     /// The final name.
@@ -162,6 +163,12 @@ impl AtomicFolder {
         write().map_err(|e| Error::io(&self.target.join(name), "write", e))
     }
 
+    /// Takes a file of the folder that is replaced over into the new one, the very same file: nothing may be written under
+    /// its name.
+    pub fn keep(&mut self, name: impl Into<PathBuf>) {
+        self.kept.push(name.into());
+    }
+
     /// Flushes the folder and moves its files into the folder of the final name, beside the files of ours that are there
     /// and over those of the same name; each of them appears whole. Several programs may do so at once.
     ///
@@ -187,6 +194,7 @@ impl AtomicFolder {
     /// When something that is not ours came into the target folder meanwhile, or the system refuses; the older folder
     /// is then still there.
     pub fn commit(mut self) -> Result<()> {
+        self.kept.iter().try_for_each(|name| self.take_over(name))?;
         sync_tree(&self.temporary)?;
         check_replaceable(&self.target, self.ours)?;
         let old = self.target.is_dir().then(|| temporary_neighbour(&self.target)).transpose()?;
@@ -205,6 +213,19 @@ impl AtomicFolder {
         old.map_or(Ok(()), |old| {
             remove_ours(&old, "", self.ours).map_err(|e| Error::io(&old, "remove the old frames", e))
         })
+    }
+}
+
+impl AtomicFolder {
+    /// Gives a file of the old folder a place in the new one.
+    fn take_over(&self, name: &Path) -> Result<()> {
+        let (from, to) = (self.target.join(name), self.temporary.join(name));
+        let link = || {
+            fs::create_dir_all(parent(&to))?;
+            // Some disks know no links.
+            fs::hard_link(&from, &to).or_else(|_| fs::copy(&from, &to).map(drop))
+        };
+        link().map_err(|e| Error::io(&from, "keep", e))
     }
 }
 
@@ -431,6 +452,12 @@ mod tests {
         }
         assert_eq!(fs::read(target.join("inner/a")).unwrap(), b"2");
         assert_eq!((names(folder.path()), names(&target)), (vec!["out".to_owned()], vec!["b".into(), "inner".into()]));
+        let mut tree = AtomicFolder::create(&target, ours).unwrap();
+        fs::write(target.join("inner/a"), "mine").unwrap();
+        tree.keep("inner/a");
+        tree.write("b", b"3").unwrap();
+        tree.commit().unwrap();
+        assert_eq!(["inner/a", "b"].map(|name| fs::read(target.join(name)).unwrap()), [b"mine".to_vec(), b"3".to_vec()]);
         fs::write(target.join("inner/mine"), "").unwrap();
         let error = AtomicFolder::create(&target, ours).unwrap_err();
         assert!(error.to_string().contains("holds inner/mine"), "{error}");

@@ -52,7 +52,16 @@ pub fn threads() -> usize {
 
 /// `(0..n).map(f)` in parallel, results in order.
 pub fn map<T: Send>(n: usize, f: impl Fn(usize) -> T + Sync + Send) -> Vec<T> {
-    (0..n).into_par_iter().map(f).collect()
+    let mut results = Vec::<T>::with_capacity(n);
+    let cells = Cells(results.as_mut_ptr());
+    for_each_index(n, &|i| {
+        let result = f(i);
+        // SAFETY: `i` is below `n`, for which there is room, and only this call has this `i`.
+        unsafe { cells.at(i).write(result) }
+    });
+    // SAFETY: each of the first `n` cells was written; after a panic this is not reached, and results are not dropped.
+    unsafe { results.set_len(n) };
+    results
 }
 
 /// `(0..n).map(f)` in parallel for fallible work; the error of the lowest index wins.
@@ -62,12 +71,46 @@ pub fn try_map<T: Send>(n: usize, f: impl Fn(usize) -> Result<T> + Sync + Send) 
 
 /// Calls `f(index, chunk)` for consecutive chunks of `data` in parallel; the last may be shorter.
 pub fn for_each_chunk<T: Send>(data: &mut [T], chunk: usize, f: impl Fn(usize, &mut [T]) + Sync + Send) {
-    data.par_chunks_mut(chunk.max(1)).enumerate().for_each(|(i, c)| f(i, c));
+    let (chunk, length) = (chunk.max(1), data.len());
+    let cells = Cells(data.as_mut_ptr());
+    for_each_index(length.div_ceil(chunk), &|i| {
+        let first = i * chunk;
+        // SAFETY: the range lies within `data`, which is borrowed exclusively, and only this call has this `i`.
+        let part = unsafe { std::slice::from_raw_parts_mut(cells.at(first), chunk.min(length - first)) };
+        f(i, part);
+    });
 }
 
 /// Runs two closures, possibly at the same time.
 pub fn join<A: Send, B: Send>(a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
-    rayon::join(a, b)
+    let (mut a, mut b) = (Some(a), Some(b));
+    let (mut first, mut second) = (None, None);
+    both(&mut || first = a.take().map(|a| a()), &mut || second = b.take().map(|b| b()));
+    first.zip(second).expect("both were run")
+}
+
+/// Calls `work(i)` for all `i` below `n`. Like [`both`], it knows nothing of the types at work, so that the thread library
+/// is compiled once and not once for every caller.
+fn for_each_index(n: usize, work: &(dyn Fn(usize) + Sync)) {
+    (0..n).into_par_iter().for_each(work);
+}
+
+fn both(a: &mut (dyn FnMut() + Send), b: &mut (dyn FnMut() + Send)) {
+    rayon::join(a, b);
+}
+
+/// Where results go: each cell is written by one thread.
+struct Cells<T>(*mut T);
+
+// SAFETY: who uses a cell answers for being the only one; its value may go to another thread.
+unsafe impl<T: Send> Sync for Cells<T> {}
+
+impl<T> Cells<T> {
+    /// The cell `i`, which must be one of those that there are.
+    unsafe fn at(&self, i: usize) -> *mut T {
+        // SAFETY: as asked of the caller.
+        unsafe { self.0.add(i) }
+    }
 }
 
 /// Makes items `range` one after another (each may use all threads) and pushes them in order on the calling thread.

@@ -11,6 +11,7 @@ use std::time::Duration;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use crate::base::error::{Kind, Result};
+use crate::base::instructions::{self, InstructionSet};
 use crate::base::observe::Observer;
 use crate::base::par;
 pub use crate::base::text::counted;
@@ -21,17 +22,22 @@ pub struct Common {
     /// Worker threads; 0 means one per core. Results do not depend on it
     #[arg(long, default_value_t = 0, global = true)]
     pub threads: usize,
+    /// Instruction set that is used, to measure or to test: avx512, avx2 or portable [default: that of the environment
+    /// variable ENLIVEN_INSTRUCTIONS, else the best that the machine has]
+    #[arg(long, global = true, value_name = "SET", hide_short_help = true)]
+    pub instructions: Option<InstructionSet>,
     /// No progress and no notes
     #[arg(long, short, global = true)]
     pub quiet: bool,
 }
 
 impl Common {
-    /// Starts the threads, catches Ctrl-C and returns the terminal's observer.
+    /// Chooses the instruction set, starts the threads, catches Ctrl-C and returns the terminal's observer.
     ///
     /// # Errors
-    /// When threads cannot be started.
+    /// When the machine does not have the instructions, or threads cannot be started.
     pub fn start(&self) -> Result<Terminal> {
+        self.instructions.map_or(Ok(()), InstructionSet::choose)?;
         par::init(self.threads)?;
         let terminal = Terminal::new(self.quiet);
         let cancelled = Arc::clone(&terminal.cancelled);
@@ -116,8 +122,13 @@ impl Observer for Terminal {
     }
 }
 
+/// Reads the command line with `parse`, once it is sure that the environment asks for nothing wrong, and does `work`.
+pub fn main<T>(parse: impl FnOnce() -> T, work: impl FnOnce(&T) -> Result<()>) -> ExitCode {
+    exit(instructions::wanted().and_then(InstructionSet::choose).and_then(|()| work(&parse())))
+}
+
 /// Prints an error as one line and turns a result into the process's exit code.
-pub fn exit(result: Result<()>) -> ExitCode {
+fn exit(result: Result<()>) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

@@ -4,11 +4,12 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use crate::base::atomic_file;
-use crate::base::error::{Error, Result};
+use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::cli::animate::animate;
 use crate::cli::common::{bytes, counted, duration, say};
-use crate::library::build::{Options, build};
+use crate::library::build::build;
+use crate::library::options::Options;
 use crate::scene::exemplar_file::ExemplarFile;
 use crate::scene::file::SceneFile;
 use crate::scene::scene;
@@ -69,10 +70,11 @@ impl Demo {
     pub fn run(&self, observer: &dyn Observer) -> Result<()> {
         let start = Instant::now();
         let input = self.output.join("input");
-        unpack(&input)?;
+        let again = self.refuse_stranger(&input)?;
+        unpack(&input, observer)?;
         for (name, clips) in LIBRARIES {
             let pack = self.output.join(name).with_extension("pack");
-            let options = Options { tag: name.to_owned(), stride: STRIDE, replace: true, ..Options::default() };
+            let options = Options { tag: name.to_owned(), stride: STRIDE, replace: again, ..Options::default() };
             let report = build(&[input.join(clips)], &pack, &options, observer)?;
             say!(
                 "{}: {}, {}, {}",
@@ -98,6 +100,17 @@ impl Demo {
 }
 
 impl Demo {
+    /// Whether the folder holds an earlier demo; one with anything else in it is not written into.
+    fn refuse_stranger(&self, input: &Path) -> Result<bool> {
+        let again = FIXTURES.iter().any(|(path, _)| input.join(path).exists());
+        let filled = || std::fs::read_dir(&self.output).is_ok_and(|mut list| list.next().is_some());
+        if !again && filled() {
+            return Err(Error::file(Kind::Usage, &self.output, "holds other things than an earlier demo")
+                .remedy("name a new folder with -o"));
+        }
+        Ok(again)
+    }
+
     /// Animates one scene, with a page that explains it.
     fn animate(&self, name: &str, file: SceneFile, observer: &dyn Observer) -> Result<()> {
         let video = self.output.join(name).with_extension("mp4");
@@ -118,12 +131,17 @@ impl Demo {
     }
 }
 
-fn unpack(folder: &Path) -> Result<()> {
+/// Writes the fixtures into a folder; those that a person has changed there stay, and are told of.
+fn unpack(folder: &Path, observer: &dyn Observer) -> Result<()> {
     for (path, content) in FIXTURES {
         let target = folder.join(path);
         let parent = target.parent().unwrap_or(folder);
         std::fs::create_dir_all(parent).map_err(|e| Error::io(parent, "make the folder", e))?;
-        atomic_file::write(&target, content)?;
+        match std::fs::read(&target) {
+            Ok(there) if there == *content => {}
+            Ok(_) => observer.note(&format!("{}: is not the demo's own and is used as it is", target.display())),
+            Err(_) => atomic_file::write(&target, content)?,
+        }
     }
     Ok(())
 }

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::animate::beside;
+use super::animate::{SUMMARY, written_beside};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::cli::common::{columns, counted, say, wrapped};
@@ -13,7 +13,7 @@ use crate::measure::footage::LONG_SIDE;
 use crate::report::measuring::{Measuring, Request};
 use crate::report::yardstick::{Reference, Yardstick};
 use crate::scene::file::SceneFile;
-use crate::scene::scene::{self, Scene};
+use crate::scene::scene::{self, SCENE_FILE, Scene};
 use crate::synth::record::RunRecord;
 
 /// Measure a video: how it moves, how sharp it stays, whether its seams and its loop show.
@@ -75,8 +75,7 @@ impl Measure {
     /// The scene that the video was made from, without what measuring does not need: the one named, else the one
     /// beside the video, else the one in the record.
     fn scene_of(&self, record: Option<&RunRecord>) -> Result<Option<Scene>> {
-        let written = beside(&self.video, "scene.toml");
-        let path = self.scene.clone().or_else(|| written.exists().then_some(written));
+        let path = self.scene.clone().or_else(|| written_beside(&self.video, SCENE_FILE));
         let file = match path {
             Some(path) => Some(scene::open(&path)?),
             None => record.map(|record| record.scene.clone()),
@@ -121,10 +120,7 @@ impl Measure {
 
 /// The record written beside a video, when there is one.
 pub(super) fn record_of(video: &Path) -> Result<Option<RunRecord>> {
-    let path = beside(video, "summary.json");
-    if !path.exists() {
-        return Ok(None);
-    }
+    let Some(path) = written_beside(video, SUMMARY) else { return Ok(None) };
     let text = std::fs::read_to_string(&path).map_err(|e| Error::io(&path, "read", e))?;
     let record = serde_json::from_str(&text).map_err(|e| {
         Error::file(Kind::Data, &path, format!("cannot be read as the summary of a run: {e}"))

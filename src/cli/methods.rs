@@ -4,7 +4,8 @@ use serde_json::json;
 
 use crate::base::error::{Error, Kind, Result};
 use crate::cli::common::say;
-use crate::synth::{MethodEntry, REGISTRY};
+use crate::synth::method::MethodEntry;
+use crate::synth::methods::REGISTRY;
 
 /// List the methods and all their options.
 #[derive(Debug, Clone, clap::Args)]

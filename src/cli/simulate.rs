@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use crate::base::error::{Error, Kind, Result};
+use crate::base::error::{Kind, Result};
 use crate::base::observe::Observer;
 use crate::cli::common::{counted, say};
 use crate::simulate::output::{Summary, simulate};
@@ -28,10 +28,6 @@ impl Simulate {
     /// A file that does not make sense, a folder that cannot be written to, a full disk, an interruption.
     pub fn run(&self, observer: &dyn Observer) -> Result<()> {
         let setup = Setup::open(&self.file)?;
-        if self.output.canonicalize().is_ok_and(|output| self.file.canonicalize().is_ok_and(|file| file == output)) {
-            return Err(Error::file(Kind::Usage, &self.file, "is the simulation's file and would be written over")
-                .remedy("name a folder with -o"));
-        }
         let summary = simulate(&setup, &self.output, observer).map_err(|error| match error.kind() {
             Kind::Usage => error.within(&self.file),
             _ => error,

@@ -15,8 +15,9 @@
 //! division, and a mirrored image gives exactly the permuted descriptor, which [`mirrored`] describes. Every operation is
 //! a plain IEEE one in a fixed order, so results are the same on every machine.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
+use crate::base::instructions::kernel;
 use crate::raster::image::Plane;
 
 /// Distance between grid points, and side of a spatial bin, in pixels.
@@ -137,7 +138,7 @@ fn smoothed(luma: &Plane) -> Plane {
 }
 
 /// Weighted sum of nine rows; symmetric taps are added first, so a mirrored image gives the same bits.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn smooth(rows: [&[f32]; 2 * REACH + 1], out: &mut [f32]) {
     let [a, b, c, d, e, f, g, h, i] = rows.map(|row| &row[..out.len()]);
     for x in 0..out.len() {
@@ -182,7 +183,7 @@ fn cell_histograms(luma: &Plane) -> Vec<Cell> {
 }
 
 /// Adds one pixel row's split gradients, times the two weights, to two rows of cells still to be summed along x.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn add_gradients(padded: &[f32], vertical: &[f32], weights: [f32; 2], own: &mut [Block], other: &mut [Block]) {
     let lanes = padded.windows(LANES + 2).step_by(LANES).zip(vertical.chunks_exact(LANES));
     for ((window, gy), (own, other)) in lanes.zip(own.iter_mut().zip(other)) {
@@ -228,7 +229,7 @@ fn sum_along_row(row: &[Block], width: usize, line: &mut [f32], cells: &mut [Cel
 }
 
 /// Gathers and normalises one row of descriptors from the four rows of cells under it.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn describe_row(cells: [&[Cell]; BINS], sums: [&[CellSums]; BINS], out: &mut [u8], contrast: &mut [f32]) {
     // Two for the missing ½ of the central differences.
     const AREA: f32 = (2 * BINS * BINS * STEP * STEP) as f32;

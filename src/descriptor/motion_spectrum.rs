@@ -4,8 +4,9 @@
 //! windows. The transform runs across pixels in a fixed order of plain sums and products, so the result is the same
 //! on any instruction set and any number of threads.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
+use crate::base::instructions::kernel;
 use crate::base::par;
 use crate::raster::image::Plane;
 
@@ -125,7 +126,7 @@ fn add_row(fields: &[[&Plane; 2]], y: usize, width: usize, row: &mut [f32]) {
 
 /// Power of the bands of `LANES` pixels. With `z = u + iv`, `P_u + P_v` at frequency k is the mean of `|Z(k)|²` and
 /// `|Z(−k)|²`, so one complex transform serves both components.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn power(re: &mut [Lane; WINDOW], im: &mut [Lane; WINDOW]) -> [Lane; BANDS] {
     taper(re);
     taper(im);

@@ -16,9 +16,10 @@
 //! 150 or so where it has points itself. All three levels of 64 pieces then cost about what a row-by-row scan of level
 //! 0 would.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::vocabulary::PIECE_WORDS;
+use crate::base::instructions::kernel;
 
 /// Length of a row of level 0: one count per word number, so any vocabulary fits; 256 bytes.
 pub const ROW: usize = 256;
@@ -109,7 +110,7 @@ impl Block {
 }
 
 /// Adds `weight` times the common points of one level. No level has more than 81, so bytes hold the sums.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn add_common(counts: &[[u8; BLOCK]], level: &[(u16, u8)], weight: u16, scores: &mut [u16; BLOCK]) {
     let mut common = [0u8; BLOCK];
     for &(bin, count) in level {

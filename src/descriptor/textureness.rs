@@ -1,8 +1,9 @@
 //! Strength of texture per scale: a four-level Laplacian scale space, not decimated, averaged over frames
 //! (Okabe et al. 2011, §5.2 and Fig. 7).
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
+use crate::base::instructions::kernel;
 use crate::raster::image::Plane;
 
 /// Levels of the scale space, fine to coarse.
@@ -88,7 +89,7 @@ pub(crate) fn mirror_sum(row: &[f32]) -> f32 {
 }
 
 /// B-spline along a row, taps `step` apart; `padded` holds at least `row.len() + 4 * step` values.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn smooth_row(row: &[f32], step: usize, padded: &mut [f32], out: &mut [f32]) {
     let n = row.len();
     let padded = &mut padded[..n + 4 * step];
@@ -104,7 +105,7 @@ fn smooth_row(row: &[f32], step: usize, padded: &mut [f32], out: &mut [f32]) {
 }
 
 /// B-spline across rows into `out`; adds what the smoothing took away from `before` to `sum`, absolutely.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn smooth_column(rows: [&[f32]; 5], before: &[f32], out: &mut [f32], sum: &mut [f32]) {
     let n = out.len();
     let [a, b, c, d, e] = rows.map(|row| &row[..n]);

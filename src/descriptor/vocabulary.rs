@@ -8,10 +8,11 @@
 //! floating-point matrix product, where they are exact as well: every partial sum is an integer below 2²⁴. So centres
 //! and words are the same for any number of threads and any instruction set.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::dense_sift::{DIMENSIONS, DescriptorGrid, PIECE_POINTS};
 use crate::base::error::{Error, Kind, Result};
+use crate::base::instructions::kernel;
 use crate::base::observe::{self, Observer};
 use crate::base::{matmul, par, rng};
 
@@ -350,12 +351,12 @@ impl Side {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn dot(a: &Descriptor, b: &[i16; DIMENSIONS]) -> i32 {
     a.iter().zip(b).map(|(&a, &b)| i32::from(a) * i32::from(b)).sum()
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn squared_distance(a: &Descriptor, b: &Descriptor) -> u32 {
     let term = |(&a, &b): (&u8, &u8)| {
         let d = i32::from(i16::from(a) - i16::from(b));
@@ -401,7 +402,7 @@ impl Nearest {
 }
 
 /// Squared norm of a descriptor; exact, since all sums stay below 2²⁴.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn squared_norm(x: &[f32]) -> f32 {
     let mut sums = [0.0f32; LANES];
     for lanes in x.chunks_exact(LANES) {
@@ -411,7 +412,7 @@ fn squared_norm(x: &[f32]) -> f32 {
 }
 
 /// Position and value of the least `norm − 2 product`; the lowest position among equals.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn lowest(products: &[f32], norms: &[f32]) -> (usize, f32) {
     let mut best = [f32::INFINITY; LANES];
     let mut at = [0u32; LANES];

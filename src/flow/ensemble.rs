@@ -5,8 +5,9 @@
 //! Dense optical flow sees hardly any motion in whitewater, which is another picture a frame later; the little that two
 //! neighbouring frames share adds up over frames, the rest does not.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
+use crate::base::instructions::kernel;
 use crate::raster::image::Plane;
 
 /// A shift and how sure it is.
@@ -56,7 +57,7 @@ fn resemblance(frames: &[Plane], (x, y): (usize, usize), side: usize, (dx, dy): 
 }
 
 /// Sums of `a b`, `a a` and `b b`.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn products(a: &[f32], b: &[f32]) -> [f32; 3] {
     const LANES: usize = 8;
     let mut sums = [[0.0f32; LANES]; 3];

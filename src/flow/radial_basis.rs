@@ -1,6 +1,8 @@
 //! Smooth interpolation of scattered values with radial basis functions (Okabe et al. 2011, §5).
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
+
+use crate::base::instructions::kernel;
 
 /// Interpolates `N` values at once: `c + Σ wᵢ |x − xᵢ|` with Σ wᵢ = 0, the smoothest such sum near the samples. The
 /// kernel φ(r) = r has no scale to choose, and the constant lets it carry equal values everywhere.
@@ -50,7 +52,7 @@ impl<const N: usize> RadialBasis<N> {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn distances_along(out: &mut [f32], cx: f32, dy: f32) {
     for (x, out) in out.iter_mut().enumerate() {
         let dx = x as i32 as f32 + 0.5 - cx;
@@ -58,7 +60,7 @@ fn distances_along(out: &mut [f32], cx: f32, dy: f32) {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn add_scaled(out: &mut [f32], values: &[f32], weight: f32) {
     out.iter_mut().zip(values).for_each(|(o, v)| *o += weight * v);
 }

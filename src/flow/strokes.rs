@@ -4,7 +4,6 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use super::painted_strokes;
 use super::radial_basis::RadialBasis;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::options::unknown;
@@ -41,19 +40,13 @@ impl Stroke {
     }
 }
 
-/// Reads the strokes for a picture of `size` pixels: JSON,
-/// `{"strokes": [{"points": [[x, y], …], "speed": px_per_frame}]}` with `speed` optional; or a picture of that size with
-/// coloured strokes on transparency (PNG or WebP by its name), each from its faint to its strong end.
+/// Reads strokes for a picture of `size` pixels from JSON,
+/// `{"strokes": [{"points": [[x, y], …], "speed": px_per_frame}]}` with `speed` optional.
 ///
 /// # Errors
 /// An unreadable file or one without strokes; unknown keys (naming the nearest); a stroke with fewer than two different
-/// points, with a point outside the picture, or with a speed that is no number above 0; a painted stroke without a
-/// gradient; a painting of another size.
+/// points, with a point outside the picture, or with a speed that is no number above 0.
 pub fn read(path: &Path, size: (usize, usize)) -> Result<Vec<Stroke>> {
-    let painted = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("png") || e.eq_ignore_ascii_case("webp"));
-    if painted {
-        return painted_strokes::read(path, size);
-    }
     let length = std::fs::metadata(path).map_err(|e| Error::io(path, "read the strokes", e))?.len();
     if length > MAX_BYTES {
         return Err(Error::file(Kind::Limit, path, format!("{length} bytes are too many for strokes"))

@@ -10,20 +10,16 @@ use crate::base::text::counted;
 use crate::raster::image::Rgb8;
 use crate::raster::resample;
 
-use super::analyse::Frames;
+use super::analyse::{Frames, MIN_FRAMES};
 use super::camera::{self, Pose, STEP, Segment, Tracker};
 use super::changes::{Change, Thumbnails};
+use super::options::RATE;
 use super::variant::PIECE;
-
-/// Fewest frames of a usable clip, at 25 frames/s (one window of the motion spectrum and a little more).
-pub const MIN_FRAMES: usize = 40;
 
 /// Largest motion of the camera that still leaves a sharp mean picture, working pixels over the frames used.
 pub const CAMERA_TOLERANCE: f32 = 3.0;
 /// Fewest different frames per second: below, motion between them is too large to follow.
 pub const MIN_RATE: f32 = 12.0;
-/// Library frame rate.
-const RATE: f32 = 25.0;
 
 /// Why a clip, or a part of it, cannot be used.
 #[derive(Debug, Clone, PartialEq)]
@@ -173,7 +169,7 @@ impl Inspector {
             Change::Fade(frames) => 2.0 * camera::extent(&poses[frames.clone()]) <= CAMERA_TOLERANCE,
         });
         let frozen = self.thumbnails.frozen();
-        let (moving, rate) = (self.thumbnails.moving(), RATE * self.thumbnails.distinct());
+        let (moving, rate) = (self.thumbnails.moving(), RATE as f32 * self.thumbnails.distinct());
         let mut reasons = whole(frames, self.size, moving, rate, &frozen);
         let hopeless = !reasons.is_empty();
         if let (true, Some(first), Some(last)) = (moves, segments.first(), segments.last()) {

@@ -19,11 +19,13 @@ use crate::flow::tv_l1::{Params, TvL1};
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::resample;
 
-use super::acceptance::MIN_FRAMES;
 use super::grid::{Cell, CellGrid};
 use super::significance;
 use super::statistics::{Deviation, PARTS, Statistics};
 use super::variant::{CELL, SCALES, level_size};
+
+/// Fewest frames of a usable clip, at 25 frames/s (one window of the motion spectrum and a little more).
+pub const MIN_FRAMES: usize = 40;
 
 /// Name of the stage that [`Observer`] hears of; one step is a frame.
 pub const STAGE: &str = "analyse";

@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::path::Path;
 
 use super::analyse::analyse;
-use super::build::{Options, RATE};
+use super::options::{Options, RATE};
 use super::piece::ClipId;
 use super::scan::{Judged, conform_options, judge};
 use super::segment::{SegmentMeta, SegmentWriter, write_refusal};

@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use super::build::{Options, RATE};
+use super::options::{Options, RATE};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::par;
-use crate::video::source;
+use crate::video::read::source;
 
 /// Core seconds per million working pixels and frame: reading, analysing at three scales.
 const SECONDS_PER_MEGAPIXEL: f64 = 0.45;

@@ -1,10 +1,10 @@
 //! What depends on all clips: pieces in order, vocabulary, words, normalisers.
 
 use super::assemble::Tables;
-use super::build::Options;
 use super::format::Parameters;
 use super::metadata::{ClipMeta, Metadata, PieceCounts};
 use super::normalizers::{self, Normalizers};
+use super::options::Options;
 use super::piece::ClipId;
 use super::pieces::{Cut, Cutting, Levels};
 use super::reader::Piece;

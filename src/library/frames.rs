@@ -3,9 +3,10 @@
 //! A frame becomes the planes G, R − G, B − G (mod 256). Every 16th frame is a keyframe, whose planes are coded as
 //! differences to the pixel above; the others are differences to the previous frame. Both are undone exactly.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use crate::base::error::Result;
+use crate::base::instructions::kernel;
 use crate::raster::image::{Plane, Rgb8};
 
 use super::format::damaged;
@@ -44,7 +45,7 @@ fn from_planes(planes: &[u8], width: usize, height: usize) -> Rgb8 {
 }
 
 /// Luma from the planes G, R − G, B − G.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn luma_of(green: &[u8], red: &[u8], blue: &[u8], out: &mut [f32]) {
     for (((out, &g), &r), &b) in out.iter_mut().zip(green).zip(red).zip(blue) {
         let (r, b) = (f32::from(r.wrapping_add(g)), f32::from(b.wrapping_add(g)));

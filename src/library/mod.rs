@@ -16,6 +16,7 @@ pub mod inputs;
 pub mod metadata;
 pub mod names;
 pub mod normalizers;
+pub mod options;
 pub mod piece;
 pub mod pieces;
 pub mod reader;

@@ -11,9 +11,9 @@ use serde::{Deserialize, Serialize};
 
 use super::metadata::ClipMeta;
 use super::piece::ClipId;
-use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
+use crate::base::own_file;
 
 /// Most bytes of a sidecar that is read.
 const MAX_BYTES: u64 = 16 << 20;
@@ -71,13 +71,13 @@ impl Names {
     /// Writes the sidecar of `pack`, whole or not at all.
     ///
     /// # Errors
-    /// A folder that cannot be written to, a full disk.
+    /// A sidecar that a person made or changed; a folder that cannot be written to, a full disk.
     pub fn write(&self, pack: &Path) -> Result<()> {
         let path = Self::beside(pack);
         let clips = self.0.iter().map(|(id, name)| (blake3::Hash::from(id.0).to_hex().to_string(), name.clone()));
         let text = toml::to_string(&Sidecar { clips: clips.collect() })
             .map_err(|e| Error::file(Kind::Data, &path, format!("cannot be written: {e}")).source(e))?;
-        atomic_file::write(&path, (HEAD.to_owned() + &text).as_bytes())
+        own_file::write(&path, (HEAD.to_owned() + &text).as_bytes())
     }
 
     /// The name of a clip's file.

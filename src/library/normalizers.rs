@@ -1,12 +1,13 @@
 //! Scales of the three distances of the smoothness term.
 
 use half::slice::HalfFloatSliceExt;
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 use serde::{Deserialize, Serialize};
 
 use super::grid::{BANDS, Cell, TEXTURE_LEVELS};
 use super::tile::Tile;
 use super::variant::PIECE_CELLS;
+use crate::base::instructions::kernel;
 use crate::base::par;
 
 /// Pairs of pieces the normalisers are measured on, at most.
@@ -104,7 +105,7 @@ pub fn features_of(cells: &[Cell], out: &mut [[f32; FEATURES + 2]]) {
     take_logarithms(out);
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn take_logarithms(rows: &mut [[f32; FEATURES + 2]]) {
     for row in rows {
         row[AC].iter_mut().for_each(|v| *v = log2(v.max(0.0) + POWER_FLOOR));

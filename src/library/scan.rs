@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use super::acceptance::{self, Report};
-use super::build::{Options, RATE};
 use super::inputs;
+use super::options::{Options, RATE};
 use crate::base::error::{Error, Result};
 use crate::base::observe::{self, Observer};
 use crate::video::conform::{ConformOptions, ConformReport, Conformed};

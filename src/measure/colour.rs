@@ -2,9 +2,9 @@
 
 use std::sync::LazyLock;
 
+use super::definition::{Better, Measure};
 use super::footage::{Footage, spread};
 use super::subject::Subject;
-use super::{Better, Measure};
 use crate::base::{par, rng};
 
 /// Frames looked at.

@@ -1,7 +1,7 @@
 //! What goes on from frame to frame: steps, the loop's closing, flicker, contrast.
 
+use super::definition::{Better, Measure};
 use super::footage::Footage;
-use super::{Better, Measure};
 use crate::base::par;
 use crate::raster::image::Rgb8;
 use crate::raster::pyramid::laplacian;

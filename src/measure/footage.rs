@@ -2,10 +2,10 @@
 
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
-use super::motion::{self, Pair};
 use super::sliced::Sorted;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::par;
+use crate::flow::field::Field;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::resample::{resize, resize_rgb8};
 use crate::video::clip::Sink;
@@ -22,7 +22,8 @@ pub struct Footage {
     inside: Vec<bool>,
     luma: OnceLock<Vec<Plane>>,
     mean: OnceLock<Plane>,
-    pairs: OnceLock<Vec<Pair>>,
+    /// Motion between consecutive frames, see [`super::motion`].
+    pub(super) pairs: OnceLock<Vec<Pair>>,
     /// Differences of consecutive frames, see [`super::continuity`].
     pub(super) differences: OnceLock<Vec<f64>>,
     /// Contrasts of the moving part, see [`super::continuity`].
@@ -33,6 +34,17 @@ pub struct Footage {
     pub(super) dynamics: Kept<Sorted>,
     /// Powers per band, see [`super::spectrum`].
     pub(super) levels: Kept<Vec<Vec<f32>>>,
+}
+
+/// Motion between two consecutive frames, in pixels per frame of the small frames it was estimated on.
+#[derive(Debug, Clone)]
+pub(super) struct Pair {
+    /// The two frames' numbers.
+    pub(super) frames: (usize, usize),
+    /// From the first frame to the second.
+    pub(super) forward: Field,
+    /// What the motion does not explain: see [`super::motion`].
+    pub(super) unexplained: (f64, usize),
 }
 
 /// What random samples of some seed gave; those of another seed take its place.
@@ -144,11 +156,6 @@ impl Footage {
             });
             mean
         })
-    }
-
-    /// Motion between consecutive frames, see [`motion::pairs`].
-    pub(super) fn pairs(&self) -> &[Pair] {
-        self.pairs.get_or_init(|| motion::pairs(self))
     }
 
     /// Consecutive frames (t, t + 1), the last and the first among them when it loops.

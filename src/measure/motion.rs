@@ -1,9 +1,9 @@
 //! Motion measured on the video itself.
 
-use super::footage::{Footage, shrunk, spread};
+use super::definition::{Better, Measure};
+use super::footage::{Footage, Pair, shrunk, spread};
 use super::nodes::activity;
 use super::subject::Subject;
-use super::{Better, Measure};
 use crate::base::par;
 use crate::flow::field::Field;
 use crate::flow::tv_l1::{Params, TvL1};
@@ -57,17 +57,6 @@ pub const MOTION_SHARE: Measure = Measure {
     compute: |subject| motion_share(subject),
 };
 
-/// Motion between two consecutive frames, in pixels per frame of the small frames it was estimated on.
-#[derive(Debug, Clone)]
-pub struct Pair {
-    /// The two frames' numbers.
-    frames: (usize, usize),
-    /// From the first frame to the second.
-    forward: Field,
-    /// What the motion does not explain: see [`unexplained`].
-    unexplained: (f64, usize),
-}
-
 /// Size of the frames that motion is estimated on.
 fn flow_size(footage: &Footage) -> (usize, usize) {
     shrunk((footage.width(), footage.height()), FLOW_SIDE)
@@ -79,8 +68,12 @@ fn small(footage: &Footage, t: usize) -> Plane {
     resize(&footage.luma()[t], width, height)
 }
 
-/// The motion of at most [`PAIRS`] pairs of consecutive frames, both ways.
-pub(super) fn pairs(footage: &Footage) -> Vec<Pair> {
+/// The motion of at most [`PAIRS`] pairs of consecutive frames, estimated once.
+fn pairs(footage: &Footage) -> &[Pair] {
+    footage.pairs.get_or_init(|| estimated(footage))
+}
+
+fn estimated(footage: &Footage) -> Vec<Pair> {
     let steps = footage.steps();
     let chosen = spread(steps.len(), PAIRS);
     let (width, height) = flow_size(footage);
@@ -117,7 +110,7 @@ fn enlargement(footage: &Footage) -> f32 {
 /// The motion's mean over time, and the mean of its length, at the small size, in pixels of the footage per frame;
 /// `None` when there is only one frame.
 fn mean_motion(footage: &Footage) -> Option<(Field, Plane)> {
-    let pairs = footage.pairs();
+    let pairs = pairs(footage);
     let first = pairs.first()?;
     let (width, height) = (first.forward.width(), first.forward.height());
     let share = enlargement(footage) / pairs.len() as f32;
@@ -132,7 +125,7 @@ fn mean_motion(footage: &Footage) -> Option<(Field, Plane)> {
 }
 
 fn warp_error(footage: &Footage) -> Option<f64> {
-    let of_pairs = footage.pairs().iter().map(|pair| pair.unexplained);
+    let of_pairs = pairs(footage).iter().map(|pair| pair.unexplained);
     let (sum, count) = of_pairs.fold((0.0, 0), |(sum, count), s| (sum + s.0, count + s.1));
     (count > 0).then(|| (sum / count as f64).sqrt())
 }
@@ -140,7 +133,7 @@ fn warp_error(footage: &Footage) -> Option<f64> {
 /// The first frame of each pair, and the pair's own warp error (0 where nothing is seen in both).
 pub(super) fn warp_errors(footage: &Footage) -> (Vec<usize>, Vec<f64>) {
     let of = |(sum, count): (f64, usize)| (sum / count.max(1) as f64).sqrt();
-    footage.pairs().iter().map(|pair| (pair.frames.0, of(pair.unexplained))).unzip()
+    pairs(footage).iter().map(|pair| (pair.frames.0, of(pair.unexplained))).unzip()
 }
 
 /// Sum of squared differences between the second frame and the first carried along the motion, and how many pixels

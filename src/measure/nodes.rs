@@ -1,8 +1,8 @@
 //! What the grid of pieces leaves in the frames.
 
+use super::definition::{Better, Measure};
 use super::footage::{Footage, spread};
-use super::subject::Subject;
-use super::{Better, Measure};
+use super::subject::{Node, Subject};
 use crate::base::par;
 use crate::raster::image::Plane;
 
@@ -12,19 +12,6 @@ const STEPS: usize = 60;
 const OFF: usize = 4;
 /// Mean below which a quotient by it means nothing: the variance, or the gradient, of a video that stands still.
 const STILL: f64 = 1e-8;
-
-/// A piece where it lies, in pixels of the footage.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Node {
-    /// Left edge.
-    pub x: f32,
-    /// Top edge.
-    pub y: f32,
-    /// Length of its sides.
-    pub side: f32,
-    /// Mean length of its piece's motion, pixels per frame.
-    pub activity: f32,
-}
 
 /// Edges that show.
 pub const SEAM_RATIO: Measure = Measure {

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use super::definition::{Better, Measure};
 use super::footage::Footage;
 use super::sliced::{Points, Sorted, distance, scaled_distance};
-use super::{Better, Measure};
 use crate::base::rng;
 
 /// Side of a patch in pixels, and frames of a space-time patch.

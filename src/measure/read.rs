@@ -9,9 +9,9 @@ use crate::base::text::counted;
 use crate::raster::image::Rgb8;
 use crate::raster::resample::resize_rgb8;
 use crate::video::clip::Pixels;
+use crate::video::conform::scale::to_rgb8;
 use crate::video::conform::{ConformOptions, Conformed};
-use crate::video::scale::to_rgb8;
-use crate::video::source;
+use crate::video::read::source;
 
 /// Fewest frames of a video that is measured: one more than a space-time patch is long.
 pub const MIN_FRAMES: usize = 8;

@@ -1,8 +1,8 @@
 //! How much fine detail there is, and whether it lasts.
 
+use super::definition::{Better, Measure};
 use super::footage::{Footage, spread};
 use super::subject::Subject;
-use super::{Better, Measure};
 use crate::base::par;
 use crate::raster::image::Plane;
 

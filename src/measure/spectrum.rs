@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
+use super::definition::{Better, Measure};
 use super::footage::Footage;
 use super::subject::Subject;
-use super::{Better, Measure};
 use crate::base::rng;
 use crate::descriptor::motion_spectrum::{BANDS, HOP, MotionSpectrum, WINDOW};
 use crate::raster::image::Plane;

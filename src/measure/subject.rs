@@ -1,9 +1,21 @@
 //! What is measured, and what it is measured against.
 
 use super::footage::Footage;
-use super::nodes::Node;
 use crate::flow::field::Field;
 use crate::raster::image::Plane;
+
+/// A piece where it lies, in pixels of the footage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Node {
+    /// Left edge.
+    pub x: f32,
+    /// Top edge.
+    pub y: f32,
+    /// Length of its sides.
+    pub side: f32,
+    /// Mean length of its piece's motion, pixels per frame.
+    pub activity: f32,
+}
 
 /// How often each source (a piece, a patch of an exemplar) was used.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

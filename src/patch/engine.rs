@@ -1,25 +1,18 @@
 //! The loop that all exemplar methods share: coarse to fine, search and vote in turns.
 
-use std::borrow::Cow;
-use std::time::Instant;
-
-use super::atlas::{Atlas, Layers};
-use super::channels::Layout;
-pub use super::image::{Frame, Image, LevelReport, Source, Target};
-use super::level::{Level, Levels};
-use super::nnf::Nnf;
-use super::rules::{Rule, Rules};
-use super::segments::{Patches, Thresholds};
+use super::data::channels::Layout;
+pub use super::data::image::{Frame, Image, Layer, LevelReport, Source, Target};
+use super::data::patches::Patches;
+use super::data::pose::{Pose, Upright};
+use super::data::segments::Thresholds;
+use super::rules::Rule;
+use super::session::Session;
 use super::vote::Manner;
 use crate::base::error::{Error, Kind, Result};
-use crate::base::observe::{self, Observer};
-use crate::base::rng;
+use crate::base::observe::Observer;
 
 /// The coarsest level's shortest side is about this many patches.
 const COARSEST: usize = 4;
-
-/// Coarser levels may be this much further from done: what is left there the finer ones make good.
-const UNFINISHED: f64 = 5.0;
 
 /// How the engine works.
 #[derive(Debug, Clone, PartialEq)]
@@ -36,6 +29,8 @@ pub struct Settings {
     pub sweeps: usize,
     /// What of blurred alpha is outline.
     pub thresholds: Thresholds,
+    /// Most levels; as many as fit without it.
+    pub levels: Option<usize>,
     /// Seed of all random choices.
     pub seed: u64,
 }
@@ -49,6 +44,7 @@ impl Default for Settings {
             tolerance: 0.001,
             sweeps: 1,
             thresholds: Thresholds::default(),
+            levels: None,
             seed: 1,
         }
     }
@@ -72,27 +68,83 @@ impl Engine {
         &self.layout
     }
 
-    /// Prepares exemplar images (frames, turned copies, several exemplars). All their patches count as one source.
+    /// How it works.
+    pub fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// Prepares exemplar images (turned copies, several exemplars). All their patches count as one source.
     ///
     /// # Errors
     /// No image, planes that are not the layout's channels or differ in size, an image smaller than a patch, or nothing in
     /// the images that is opaque enough for a patch.
     pub fn source(&self, images: &[Image]) -> Result<Source> {
-        let sizes = images.iter().map(|image| self.checked("exemplar", image)).collect::<Result<Vec<_>>>()?;
-        let shortest = sizes.iter().map(|&(w, h)| w.min(h)).min();
-        let shortest = shortest.ok_or_else(|| Error::new(Kind::Usage, "exemplar", "there is no image"))?;
-        let count = self.levels(shortest);
-        let pyramids: Vec<Vec<Layers>> = images.iter().map(|image| image.pyramid(count)).collect();
-        let atlas = |level: usize| {
-            let layers: Vec<Layers> = pyramids.iter().map(|p| p[level].clone()).collect();
-            Atlas::new(&layers, self.layout.radius(), self.settings.thresholds)
-        };
-        let source = Source { levels: (0..count).map(atlas).collect() };
-        if source.atlas().patches.count() == 0 {
-            return Err(Error::new(Kind::Unusable, "exemplar", "its alpha is nowhere opaque enough for a patch")
-                .allowed(format!("blurred alpha above {}", self.settings.thresholds.lower)));
+        let shortest = images.iter().map(|image| image.size()).map(|(w, h)| w.min(h)).min().unwrap_or(0);
+        let mut source = self.empty(self.levels(shortest));
+        for image in images {
+            self.checked("exemplar", image)?;
+            let pyramid = image.pyramid(source.levels.len());
+            self.add(&mut source, &pyramid);
         }
-        Ok(source)
+        self.with_patches(source)
+    }
+
+    /// Prepares the frames of a clip, `frame(t)` of `count`: searches go through time, and a place says which frame it is in.
+    /// Frames are asked for one after the other, and only their bytes are kept ([`Source::bytes`]).
+    ///
+    /// # Errors
+    /// Those of `frame` and of [`Engine::source`]; frames that differ in size.
+    pub fn clip(&self, count: usize, mut frame: impl FnMut(usize) -> Result<Image>) -> Result<Source> {
+        let mut source = None;
+        for t in 0..count {
+            let image = frame(t)?;
+            let (width, height) = self.checked("exemplar", &image)?;
+            let source = source.get_or_insert_with(|| self.empty(self.levels(width.min(height))));
+            if t > 0 && source.levels[0].size(0) != (width, height) {
+                return Err(Error::new(Kind::Usage, "exemplar", "its frames differ in size"));
+            }
+            let pyramid = image.pyramid(source.levels.len());
+            self.add(source, &pyramid);
+        }
+        let levels = source.unwrap_or_else(|| self.empty(1)).levels;
+        self.with_patches(Source { levels: levels.into_iter().map(Patches::in_time).collect() })
+    }
+
+    /// A source of one image whose levels are made already, fine to coarse.
+    ///
+    /// # Errors
+    /// Those of [`Engine::source`].
+    pub fn prepared(&self, levels: &[Layer]) -> Result<Source> {
+        for layer in levels {
+            self.checked("exemplar", &Image { planes: layer.planes.clone(), blurred: layer.blurred.clone() })?;
+        }
+        let mut source = self.empty(levels.len().max(1));
+        self.add(&mut source, levels);
+        self.with_patches(source)
+    }
+
+    fn empty(&self, levels: usize) -> Source {
+        Source { levels: vec![Patches::none(self.layout.channels().len()); levels] }
+    }
+
+    /// Adds an image below those that are there.
+    fn add(&self, source: &mut Source, pyramid: &[Layer]) {
+        for (level, layer) in source.levels.iter_mut().zip(pyramid) {
+            let (stack, labels) = layer.patches(self.layout.radius(), self.settings.thresholds);
+            level.push(&stack, labels);
+        }
+    }
+
+    /// Refuses a source without patches.
+    fn with_patches(&self, source: Source) -> Result<Source> {
+        match source.finest() {
+            patches if patches.images() == 0 => Err(Error::new(Kind::Usage, "exemplar", "there is no image")),
+            patches if patches.count() == 0 => {
+                Err(Error::new(Kind::Unusable, "exemplar", "its alpha is nowhere opaque enough for a patch")
+                    .allowed(format!("blurred alpha above {}", self.settings.thresholds.lower)))
+            }
+            _ => Ok(source),
+        }
     }
 
     /// Synthesises one frame (LazyFluids, Eq. 7): coarse to fine, and on every level search and vote in turns.
@@ -103,118 +155,40 @@ impl Engine {
     /// # Errors
     /// Planes that are not the layout's channels or differ in size, an image smaller than a patch, or a cancel.
     pub fn frame(&self, source: &Source, target: &Target, observer: &dyn Observer) -> Result<Frame> {
-        let (width, height) = self.checked("target", &target.image)?;
-        self.check_companions((width, height), target)?;
-        let count = self.levels(width.min(height)).min(source.levels.len());
-        let levels = Levels::new(target, count);
-        let (atlases, targets) = self.segments(source, &levels, count, observer);
-        let mut state: Option<(Level, Nnf, Rules)> = None;
-        let mut reports = Vec::with_capacity(count);
-        for (n, patches) in (0..count).zip(targets).rev() {
-            let mut level = Level {
-                layout: &self.layout,
-                atlas: atlases[n].as_ref(),
-                colours: atlases[n].patches.stack.first(self.layout.synthesised()),
-                target: patches,
-                steps: levels.steps(n),
-                anchor: levels.anchor(n),
-                coarsest: state.is_none(),
-                seed: rng::hash(self.settings.seed, &[n as u64]),
-            };
-            let mut rules = Rules::new(self.settings.rule, self.settings.sweeps, self.settings.manner);
-            let mut nnf = match &state {
-                None => Nnf::random(&level.target, &level.atlas.patches, level.seed),
-                Some((coarser, nnf, _)) => nnf.refined(coarser.atlas, &level.target, level.atlas, level.seed),
-            };
-            if !level.coarsest {
-                level.start(&nnf, &rules, levels.kept(n));
-            }
-            if let Some(previous) = &target.previous {
-                nnf.merge(&level.search(), &previous.coarsened(source.atlas(), n, &level.target, level.atlas));
-            }
-            reports.push(self.level(&mut level, &mut nnf, &mut rules, (self.rounds(n, count), n == 0), observer)?);
-            level.show(&nnf, n, observer);
-            state = Some((level, nnf, rules));
+        let rule = || self.settings.rule.constraint(self.settings.sweeps);
+        let mut session = Session::<Upright>::begin(self, source, std::slice::from_ref(target), &rule, None, observer)?;
+        for level in (0..session.levels()).rev() {
+            session.enter(level, 0);
+            session.work(level, 0, observer)?;
         }
-        let (level, nnf, rules) = state.ok_or_else(|| Error::new(Kind::Unusable, "target", "it has no level"))?;
-        let planes = rules.vote(&level, &nnf).planes();
-        Ok(Frame { planes, nnf, levels: reports })
+        session.finish(0)
     }
 
-    /// Search and vote in turns until the energy hardly falls, or for so many rounds; `finest` levels are done with more care.
-    fn level(
-        &self,
-        level: &mut Level,
-        nnf: &mut Nnf,
-        rules: &mut Rules,
-        (rounds, finest): (usize, bool),
-        observer: &dyn Observer,
-    ) -> Result<LevelReport> {
-        let tolerance = self.settings.tolerance * if finest { 1.0 } else { UNFINISHED };
-        let stack = &level.target.stack;
-        let mut report = LevelReport {
-            size: (stack.width, stack.height),
-            patches: (level.atlas.patches.count(), level.target.count()),
-            ..LevelReport::default()
-        };
-        for round in 0..rounds {
-            observe::check(observer)?;
-            let start = Instant::now();
-            rules.search(level, nnf, round);
-            report.searching += start.elapsed().as_secs_f64();
-            let energy = level.energy(nnf);
-            let before = report.energies.last().copied().unwrap_or(f64::INFINITY);
-            report.energies.push(energy);
-            let start = Instant::now();
-            level.overshoot(nnf, rules);
-            report.voting += start.elapsed().as_secs_f64();
-            if energy >= before * (1.0 - tolerance) {
-                break;
-            }
-        }
-        Ok(report)
-    }
-
-    /// Rounds on level `n` of `count`, 0 the finest.
-    fn rounds(&self, n: usize, count: usize) -> usize {
-        let (coarse, fine) = self.settings.iterations;
-        let share = if count > 1 { n as f64 / (count - 1) as f64 } else { 1.0 };
-        ((fine as f64 + (coarse as f64 - fine as f64) * share).round() as usize).max(1)
+    /// Bytes that a frame takes while it is made, for so many pixels of the target and of the source: the target's float
+    /// pyramid and bytes, two fields, the source's colours, and what the rule keeps.
+    pub fn frame_bytes(&self, targets: usize, sources: usize) -> usize {
+        let (channels, synthesised) = (self.layout.channels().len(), self.layout.synthesised());
+        let pyramid = (4 * (channels + 1) + 2) * 4 / 3;
+        let target = pyramid + 2 * (channels + 2) + 3 * 8 + 4 * synthesised;
+        target * targets + synthesised * sources + self.settings.rule.bytes(targets, sources)
     }
 
     /// Number of levels for an image with a shortest side of `shortest` pixels.
     fn levels(&self, shortest: usize) -> usize {
         let least = COARSEST * self.layout.side();
-        (1..).find(|n| shortest.div_ceil(1 << n) < least).unwrap_or(1)
+        let fitting = (1..).find(|n| shortest.div_ceil(1 << n) < least).unwrap_or(1);
+        self.settings.levels.map_or(fitting, |most| most.clamp(1, fitting))
     }
 
-    /// Source and target patches of all levels, fine to coarse; where the source lacks a segment of the target, without
-    /// segments.
-    fn segments<'a>(
-        &self,
-        source: &'a Source,
-        levels: &Levels,
-        count: usize,
-        observer: &dyn Observer,
-    ) -> (Vec<Cow<'a, Atlas>>, Vec<Patches>) {
-        let level = |n: usize| {
-            let atlas = &source.levels[n];
-            let patches = levels.patches(n, &self.layout, self.settings.thresholds);
-            if patches.is_served_by(&atlas.patches) {
-                return (Cow::Borrowed(atlas), patches);
-            }
-            if n == 0 {
-                observer.note(
-                    "the exemplar has no patches for the outline, or none for the inside: both are made from all",
-                );
-            }
-            (Cow::Owned(atlas.merged()), patches.merged())
-        };
-        (0..count).map(level).unzip()
+    /// Number of levels for a target with its levels, if they are made already, and a source.
+    pub(super) fn common_levels<P: Pose>(&self, target: &Target<P>, source: &Source) -> usize {
+        let (width, height) = target.image.size();
+        let own = target.prepared.as_ref().map_or_else(|| self.levels(width.min(height)), Vec::len);
+        own.min(source.levels.len())
     }
 
     /// Refuses modulation, kept part, anchor or field that do not fit a target of `size`.
-    fn check_companions(&self, size: (usize, usize), target: &Target) -> Result<()> {
+    pub(super) fn check_companions<P: Pose>(&self, size: (usize, usize), target: &Target<P>) -> Result<()> {
         let anchor = target.anchor.iter().flat_map(|a| a.planes.iter().chain([&a.weight]));
         let planes = target.modulation.iter().chain(&target.kept).chain(anchor).map(|p| (p.width, p.height));
         let field = target.previous.iter().map(|f| (f.width, f.cells.len() / f.width.max(1)));
@@ -235,7 +209,7 @@ impl Engine {
     }
 
     /// The size of an image that has what the layout asks for.
-    fn checked(&self, what: &str, image: &Image) -> Result<(usize, usize)> {
+    pub(super) fn checked(&self, what: &str, image: &Image) -> Result<(usize, usize)> {
         let (width, height) = image.size();
         let side = self.layout.side();
         let (planes, channels) = (image.planes.len(), self.layout.channels().len());

@@ -5,35 +5,26 @@
 //! It is lowered coarse to fine by two steps in turns: **search** gives every target patch a source patch, the
 //! nearest-neighbour field; **vote** makes every pixel the mean of the patches over it (Wexler et al. 2007).
 //!
-//! - [`channels`]: the channels, their weights, and how they lie in memory.
-//! - [`segments`]: which pixels are centres of patches, and whether of the outline or the interior.
-//! - [`atlas`]: all exemplar images of a level in one array.
-//! - [`nnf`]: the field.
+//! - [`data`]: channels and how they lie in memory, segments, sites, patches and where they lie, poses, fields.
 //! - `distance`, [`patch_match`], [`vote`]: the two steps.
-//! - [`rules`]: how the field is constrained: plain, coherent, bidirectional, by an occurrence map, or uniform. `usage`,
-//!   `leftovers`, `exchange` and `chains` do the last two, `coherence` and `completeness` those before.
-//! - [`image`], [`engine`]: what goes in and out, and the loop.
+//! - [`rules`]: how the field is constrained, a file a rule behind one trait: plain, coherent, bidirectional, by an occurrence
+//!   map, uniform, or by a price on repetition.
+//! - [`terms`]: what a method adds to distances, and which poses it tries.
+//! - [`session`]: levels and frames in the order that a method likes; [`engine`]: sources, and one frame after the other.
 //!
-//! A method says which channels there are, what they weigh, which images are the source and what a frame starts from. For
-//! Kwatra et al. 2005 that is colour and the previous frame carried along the flow; LazyFluids adds alpha, blurred alpha as a
-//! guide, and the previous frame on both sides; a video exemplar is another [`engine::Source`] each frame.
+//! A method says which channels there are, what they weigh, what the source is, what a frame starts from, and whether patches
+//! stand upright or turn ([`data::pose::Pose`]). For Kwatra et al. 2005 that is colour and the previous frame carried along
+//! the flow; LazyFluids adds alpha, blurred alpha as a guide, and the previous frame on both sides; a video exemplar is
+//! another [`engine::Source`] each frame, or all its frames at once ([`engine::Engine::clip`]).
 
-pub mod atlas;
-mod chains;
-pub mod channels;
-mod coherence;
-mod completeness;
+pub mod data;
 mod distance;
 pub mod engine;
-mod exchange;
-pub mod image;
-mod leftovers;
 mod level;
-pub mod nnf;
 pub mod patch_match;
 pub mod rules;
-pub mod segments;
+pub mod session;
+pub mod terms;
 #[cfg(test)]
 mod testing;
-mod usage;
 pub mod vote;

@@ -1,7 +1,8 @@
 //! What tests of several files of this folder need.
 
-use super::channels::{Channel, Layout, Role, Stack};
-use super::segments::{Patches, Thresholds, labels};
+use super::data::channels::{Channel, Layout, Role, Stack};
+use super::data::patches::Patches;
+use super::data::segments::{Thresholds, labels};
 use crate::base::rng::{hash, unit};
 use crate::raster::filter::gaussian;
 use crate::raster::image::Plane;

@@ -174,7 +174,7 @@ impl Header {
         let unreadable = |what: &str| {
             Error::file(Kind::Data, path, format!("its header does not tell {what}")).remedy("write it with numpy.save")
         };
-        let name = text_of(text, "descr").ok_or_else(|| unreadable("the type of the numbers"))?;
+        let name = type_of(text).ok_or_else(|| unreadable("the type of the numbers"))?;
         let number = Number::of(name).ok_or_else(|| {
             Error::file(Kind::Unsupported, path, format!("holds elements of the type {name:?}"))
                 .allowed("uint8, float32 or float64, little-endian")
@@ -202,8 +202,9 @@ impl Header {
         }
         let fault = if found < wanted { "is truncated" } else { "is longer than its shape" };
         let [frames, height, width, channels] = self.shape;
-        let problem =
-            format!("{fault}: {frames} × {height} × {width} × {channels} elements need {wanted} bytes, it has {found}");
+        let problem = format!(
+            "{fault}: {frames} × {height} × {width} × {channels} elements need {wanted} bytes, it has {found}"
+        );
         Err(Error::file(Kind::Data, path, problem).remedy("write it again"))
     }
 }
@@ -237,12 +238,12 @@ fn value_of<'a>(text: &'a str, key: &str) -> Option<&'a str> {
     Some(rest.trim_start().strip_prefix(':')?.trim_start())
 }
 
-/// The value of a key as it was written: a string without its quotes, or the beginning of something else.
-fn text_of<'a>(text: &'a str, key: &str) -> Option<&'a str> {
-    let value = value_of(text, key)?;
+/// The type of the elements, without the quotes; "structure" where it is no string but a list of fields.
+fn type_of(text: &str) -> Option<&str> {
+    let value = value_of(text, "descr")?;
     match value.chars().next()? {
         quote @ ('\'' | '"') => value[1..].split(quote).next(),
-        _ => value.split(['}', '\n']).next(),
+        _ => Some("structure"),
     }
 }
 
@@ -464,7 +465,7 @@ mod tests {
         };
         has(of("'>f4'", "(2, 2)", 16), Kind::Unsupported, "type \">f4\"");
         has(of("'<c8'", "(2, 2)", 32), Kind::Unsupported, "astype");
-        has(of("[('x', '<f4')]", "(2, 2)", 16), Kind::Unsupported, "elements of the type");
+        has(of("[('x', '<f4')]", "(2, 2)", 16), Kind::Unsupported, "type \"structure\"");
         has(of("'|u1'", "(4,)", 4), Kind::Data, "has 1 axis");
         has(of("'|u1'", "()", 1), Kind::Data, "has 0 axes");
         has(of("'|u1'", "(1, 1, 1, 1, 1)", 1), Kind::Data, "has 5 axes");

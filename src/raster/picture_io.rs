@@ -10,7 +10,7 @@ use std::path::Path;
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, metadata::Orientation};
 
 use super::image::{Plane, Rgb8};
-use crate::base::atomic_file;
+use crate::base::{atomic_file, own_file};
 use crate::base::error::{Error, Kind, Result};
 
 /// Most pixels of a picture that is read.
@@ -109,6 +109,15 @@ pub fn picture_size(path: &Path) -> Result<(usize, usize)> {
 pub fn write_png(path: &Path, picture: &Rgb8) -> Result<()> {
     let bytes = encode_png(picture, png::Compression::Balanced).map_err(|e| failed(path, e))?;
     atomic_file::write(path, &bytes)
+}
+
+/// [`write_png`] for a picture of the program's own beside what was asked for ([`own_file::write`]).
+///
+/// # Errors
+/// Those of [`write_png`]; a file of that name that a person made or changed.
+pub fn write_own_png(path: &Path, picture: &Rgb8) -> Result<()> {
+    let bytes = encode_png(picture, png::Compression::Balanced).map_err(|e| failed(path, e))?;
+    own_file::write(path, &bytes)
 }
 
 /// Writes a plane of values in [0, 1], clamped, as an 8-bit grey PNG.

@@ -3,9 +3,10 @@
 //! The kernel is even so that a coarse pixel lies exactly over two fine ones: position `p` of a level is `p / 2` of
 //! the next, flips are exact, and grids that are multiples of a power of two stay on pixels.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::image::Plane;
+use crate::base::instructions::kernel;
 
 /// The next coarser level: half the size, rounded up, borders clamped.
 pub fn reduce(plane: &Plane) -> Plane {
@@ -20,8 +21,9 @@ pub fn reduce(plane: &Plane) -> Plane {
 }
 
 /// One row of the coarser level from four of the finer; `row` has room for three more than those.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn reduce_row([a, b, c, d]: [&[f32]; 4], row: &mut [f32], out: &mut [f32]) {
+#[apply(kernel)]
+fn reduce_row(rows: [&[f32]; 4], row: &mut [f32], out: &mut [f32]) {
+    let [a, b, c, d] = rows;
     let width = a.len();
     for ((((r, a), b), c), d) in row[1..=width].iter_mut().zip(a).zip(b).zip(c).zip(d) {
         *r = (a + d) + 3.0 * (b + c);
@@ -48,7 +50,7 @@ pub fn expand(plane: &Plane, width: usize, height: usize) -> Plane {
 }
 
 /// One row of the finer level from the nearest and the next one; `row` has room for two more than those.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn expand_row(near: &[f32], other: &[f32], row: &mut [f32], out: &mut [f32]) {
     let width = near.len();
     for ((r, n), o) in row[1..=width].iter_mut().zip(near).zip(other) {

@@ -2,9 +2,10 @@
 
 use std::ops::Range;
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::image::{Color, Plane, Rgb8, Space};
+use crate::base::instructions::kernel;
 use crate::base::par;
 
 /// Weights of one output sample: first input index and taps.
@@ -184,7 +185,7 @@ impl Scratch {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn weigh(wide: &[[f32; LANES]], taps: &[Taps], narrow: &mut [[f32; LANES]]) {
     for (out, tap) in narrow.iter_mut().zip(taps) {
         let mut sums = [0.0f32; LANES];

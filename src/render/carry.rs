@@ -8,11 +8,12 @@
 
 use std::ops::Range;
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::extrapolate::fill;
 use super::mirror::Mirror;
 use super::trajectory::Trajectories;
+use crate::base::instructions::kernel;
 use crate::base::{par, rng};
 use crate::flow::field::Field;
 use crate::library::variant::CELL;
@@ -219,10 +220,10 @@ impl Moment<'_> {
     }
 }
 
-/// Detail of the pixels from `(left, y)` to the right; `copies` holds the ways and shares of each.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn row(carried: &Carried, (left, y): (usize, usize), copies: [[&[f32]; 3]; 2], matte: &[u8], out: [&mut [f32]; 3]) {
-    let [red, green, blue] = out;
+/// Detail of the pixels `from` one to the right; `copies` holds the ways and shares of each.
+#[apply(kernel)]
+fn row(carried: &Carried, from: (usize, usize), copies: [[&[f32]; 3]; 2], matte: &[u8], out: [&mut [f32]; 3]) {
+    let ((left, y), [red, green, blue]) = (from, out);
     let working = (carried.mirror.size().0 as f32, carried.mirror.size().1 as f32);
     let (across, down) = (working.0 / carried.size.0 as f32, working.1 / carried.size.1 as f32);
     for (i, (((red, green), blue), &m)) in red.iter_mut().zip(green).zip(blue).zip(matte).enumerate() {

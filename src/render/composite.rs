@@ -9,12 +9,13 @@ pub use carrying::Stays;
 
 use std::ops::Range;
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::carry::{Carried, Moment};
 use super::drift::{Drift, Travel};
 use super::layers::Layers;
 use super::layout::BANDS;
+use crate::base::instructions::kernel;
 use crate::base::par;
 use crate::raster::filter::gaussian;
 use crate::raster::image::{Color, Difference, Plane, Rgb8};
@@ -347,7 +348,7 @@ impl Strip {
 }
 
 /// Compresses differences smoothly towards white and black, so that nothing is cut off flat.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn compress(differences: &mut [f32], base: &[Vec<u16>; 3], limit: &[i16]) {
     let [r, g, b] = base;
     let colours = r.iter().zip(g).zip(b);
@@ -361,7 +362,7 @@ fn compress(differences: &mut [f32], base: &[Vec<u16>; 3], limit: &[i16]) {
 }
 
 /// `base + slope · change + detail`, within [0, 1].
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn add(base: &[u16], slope: &[i16], change: &[f32], detail: &[f32], out: &mut [f32]) {
     for ((((o, base), slope), change), detail) in out.iter_mut().zip(base).zip(slope).zip(change).zip(detail) {
         let colour = f32::from(*base) * (1.0 / COLOUR_STEPS) + f32::from(*slope) * (1.0 / STEPS) * change + detail;

@@ -3,8 +3,9 @@
 
 use std::ops::Range;
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
+use crate::base::instructions::kernel;
 use crate::flow::field::Field;
 use crate::raster::image::Plane;
 use crate::raster::resample::Resizer;
@@ -108,9 +109,10 @@ fn squares(detail: &[i8], (width, height): (usize, usize)) -> Vec<u32> {
     (0..height).flat_map(|y| (0..width).map(move |x| square(x, y))).collect()
 }
 
-/// Detail of the pixels from `(left, y)` to the right, of ways `u`, `v`.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn row(drift: &Drift, time: f32, (left, y): (usize, usize), u: &[f32], v: &[f32], out: &mut [f32]) {
+/// Detail of the pixels `from` one to the right, of ways `u`, `v`.
+#[apply(kernel)]
+fn row(drift: &Drift, time: f32, from: (usize, usize), u: &[f32], v: &[f32], out: &mut [f32]) {
+    let (left, y) = from;
     for (i, ((out, &u), &v)) in out.iter_mut().zip(u).zip(v).enumerate() {
         let x = left + i;
         let phase = time + (x + y) as f32 / (SLANT * drift.scale);

@@ -2,6 +2,7 @@
 //! before what is behind it (Okabe et al. 2011, §6).
 
 pub mod appearance;
+pub mod band_gains;
 pub mod blend;
 pub mod boundary;
 pub mod carry;
@@ -15,7 +16,10 @@ pub mod layers;
 pub mod layout;
 pub mod mirror;
 pub mod overlay;
+pub mod patchwork;
 pub mod recover;
+pub mod residuals;
 pub mod sample;
 pub mod streaks;
 pub mod trajectory;
+pub mod transport;

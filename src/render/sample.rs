@@ -1,8 +1,9 @@
 //! Reading a band of a level through the geometry of a placed piece.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::layout::Placement;
+use crate::base::instructions::kernel;
 use crate::library::variant::Geometry;
 use crate::raster::image::Plane;
 
@@ -115,7 +116,7 @@ impl Window {
 }
 
 /// Adds `weights` × the band, where row `j` of the window lies on it.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn sample_row(band: &Plane, map: Map, j: usize, weights: &[f32], out: &mut [f32]) {
     for (i, (o, &w)) in out.iter_mut().zip(weights).enumerate() {
         if w != 0.0 {
@@ -127,7 +128,7 @@ fn sample_row(band: &Plane, map: Map, j: usize, weights: &[f32], out: &mut [f32]
 
 /// Catmull–Rom value at `(x, y)`, centres at ½, borders clamped: bilinear reading would dull the finest band.
 #[inline(always)]
-fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
+pub fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
     let (fx, fy) = (x - 0.5, y - 0.5);
     let (x0, y0) = (fx.floor(), fy.floor());
     let (wx, wy) = (taps(fx - x0), taps(fy - y0));

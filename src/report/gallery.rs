@@ -6,9 +6,9 @@ use std::path::Path;
 use maud::{Markup, html};
 
 use super::page;
-use crate::base::atomic_file;
 use crate::base::error::{Error, Result};
 use crate::base::observe::{Observer, check, stage};
+use crate::base::own_file;
 use crate::base::text::counted;
 use crate::flow::draw;
 use crate::flow::field::Field;
@@ -16,9 +16,10 @@ use crate::library::names::Names;
 use crate::library::reader::Pack;
 use crate::library::variant::Variant;
 use crate::raster::image::Plane;
-use crate::raster::picture_io::write_png;
+use crate::raster::picture_io::write_own_png;
 use crate::raster::resample::{resize_color, resize_rgb8};
-use crate::video::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::options::{FrameRate, SinkOptions};
+use crate::video::write::sink;
 
 /// Long side of a thumbnail in pixels.
 const THUMBNAIL: usize = 256;
@@ -29,8 +30,10 @@ const THUMBNAIL_FRAMES: usize = 150;
 /// clips, as far as there are any.
 ///
 /// # Errors
-/// A damaged pack, or a folder that cannot be written to.
+/// A damaged pack, a page in the folder that is no gallery, or a folder that cannot be written to.
 pub fn write(pack: &Pack, names: &Names, title: &str, folder: &Path, observer: &dyn Observer) -> Result<()> {
+    let index = folder.join("index.html");
+    own_file::check(&index)?;
     fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
     let clips = pack.clips().len() as u32;
     let cards = stage(observer, "gallery", u64::from(clips), || {
@@ -44,7 +47,7 @@ pub fn write(pack: &Pack, names: &Names, title: &str, folder: &Path, observer: &
             })
             .collect::<Result<Vec<_>>>()
     })?;
-    atomic_file::write(&folder.join("index.html"), page(pack, title, &cards).into_string().as_bytes())
+    own_file::write(&index, page(pack, title, &cards).into_string().as_bytes())
 }
 
 fn name(pack: &Pack, clip: u32, what: &str) -> String {
@@ -77,13 +80,13 @@ fn write_pictures(pack: &Pack, clip: u32, folder: &Path) -> Result<()> {
     let meta = &pack.clips()[clip as usize];
     let (width, height) = thumbnail_size(meta.width, meta.height);
     let average = resize_color(&pack.average(clip)?, width, height).to_rgb8();
-    write_png(&folder.join(name(pack, clip, "average.png")), &average)?;
+    write_own_png(&folder.join(name(pack, clip, "average.png")), &average)?;
     let grid = pack.grid(clip, 0)?;
     let plane = |c: usize| {
         Plane::from_vec(grid.width, grid.height, grid.cells.iter().map(|cell| cell.mean[c].to_f32()).collect())
     };
     let field = Field { u: plane(0), v: plane(1) };
-    write_png(&folder.join(name(pack, clip, "motion.png")), &resize_rgb8(&draw::colour(&field, 0.0), width, height))
+    write_own_png(&folder.join(name(pack, clip, "motion.png")), &resize_rgb8(&draw::colour(&field, 0.0), width, height))
 }
 
 fn card(pack: &Pack, names: &Names, clip: u32) -> Markup {

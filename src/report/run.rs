@@ -4,11 +4,11 @@ use std::path::Path;
 
 use super::contact_sheet::contact_sheet;
 use super::run_page;
-use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
+use crate::base::own_file;
 use crate::raster::image::Rgb8;
-use crate::raster::picture_io::write_png;
-use crate::synth::Outcome;
+use crate::raster::picture_io::write_own_png;
+use crate::synth::method::Outcome;
 use crate::synth::record::RunRecord;
 
 /// Everything that [`write`] may write into its folder.
@@ -36,18 +36,18 @@ const SHEET_WIDTH: usize = 1920;
 /// name, and `summary.json`. `video` is where the video lies as seen from the folder.
 ///
 /// # Errors
-/// A folder that cannot be written to, a full disk.
+/// A file in the folder that is not an earlier report's; a folder that cannot be written to, a full disk.
 pub fn write(folder: &Path, outcome: &Outcome, frames: &[Rgb8], video: Option<&Path>) -> Result<()> {
-    write_png(&folder.join("contact-sheet.png"), &contact_sheet(frames, SHEET_COLUMNS, SHEET_WIDTH))?;
+    write_own_png(&folder.join("contact-sheet.png"), &contact_sheet(frames, SHEET_COLUMNS, SHEET_WIDTH))?;
     for (name, picture) in &outcome.pictures {
         let path = folder.join(name).with_extension("png");
         debug_assert!(FILES.iter().any(|file| path.ends_with(file)));
-        write_png(&path, picture)?;
+        write_own_png(&path, picture)?;
     }
-    atomic_file::write(&folder.join("summary.json"), to_json(&outcome.record)?.as_bytes())?;
+    own_file::write(&folder.join("summary.json"), to_json(&outcome.record)?.as_bytes())?;
     let names: Vec<&str> = outcome.pictures.iter().map(|(name, _)| *name).collect();
     let page = run_page::page(&outcome.record, &names, video).into_string();
-    atomic_file::write(&folder.join("index.html"), page.as_bytes())
+    own_file::write(&folder.join("index.html"), page.as_bytes())
 }
 
 /// A record as the text of `summary.json`.

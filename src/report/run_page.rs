@@ -60,7 +60,7 @@ pub fn page(record: &RunRecord, pictures: &[&str], video: Option<&Path>) -> Mark
         (notes(record))
         h2 { "Settings" }
         pre { (settings(record)) }
-        p { "Enliven " (record.version) ", " (counted(record.threads as u64, "thread")) ", " (record.instructions) "." }
+        p { "Enliven " (record.version) ", " (counted(record.threads as u64, "thread")) ", instruction set " (record.instructions) "." }
     };
     page::page(&format!("Run: {title}"), STYLE, &body)
 }

@@ -5,8 +5,8 @@ use super::frame_map::{FrameMap, PicturePoint, WorkingPoint};
 use crate::base::error::Result;
 use crate::base::observe::Observer;
 use crate::flow::field::Field;
-use crate::flow::strokes::{self, Stroke, StrokeField};
-use crate::flow::{orientation, strokes::MAX_SPEED};
+use crate::flow::strokes::{self, MAX_SPEED, Stroke, StrokeField};
+use crate::flow::{orientation, stroke_files};
 use crate::raster::components::Components;
 use crate::raster::image::Plane;
 use crate::raster::picture_io::{read_grey, read_picture};
@@ -43,7 +43,7 @@ impl Asked {
     /// strokes' speeds do.
     ///
     /// # Errors
-    /// Those of [`strokes::read`] and of unreadable maps.
+    /// Those of [`stroke_files::read`] and of unreadable maps.
     pub fn read(motion: &Motion, map: &FrameMap, matte: &Plane, observer: &dyn Observer) -> Result<Option<Self>> {
         let Motion { direction, strokes, orientation, speed, max_speed } = motion;
         if direction.is_none() && strokes.is_none() && orientation.is_none() && speed.is_none() {
@@ -52,7 +52,7 @@ impl Asked {
         let (width, height) = map.working;
         let mut asked = Self::everywhere(*direction, (width, height));
         if let Some(path) = strokes {
-            let drawn = strokes::read(path, map.picture)?;
+            let drawn = stroke_files::read(path, map.picture)?;
             asked.follow(&drawn, motion, map, matte, observer);
         }
         if let Some(path) = orientation {

@@ -10,7 +10,7 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::text::counted;
 use crate::raster::picture_io::picture_size;
 use crate::video::clip::{Source, Turn};
-use crate::video::source;
+use crate::video::read::source;
 
 /// What a picture or a clip says of itself before it is read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

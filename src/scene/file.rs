@@ -112,7 +112,7 @@ pub struct Motion {
     /// Main direction of the flow in degrees: 0 = right, 90 = down.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub direction: Option<f32>,
-    /// Strokes along the flow, JSON or a painting ([`crate::flow::strokes::read`]).
+    /// Strokes along the flow, JSON or a painting ([`crate::flow::stroke_files::read`]).
     #[serde(skip_serializing_if = "Option::is_none")]
     pub strokes: Option<PathBuf>,
     /// Directions painted as hues ([`crate::flow::orientation`]), of the picture's size.

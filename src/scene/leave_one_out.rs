@@ -10,19 +10,21 @@ use super::clip_strokes::along_motion;
 use super::file::{Motion, SceneFile};
 use super::left_out::LeftOut;
 use super::scene::{SCENE_FILE, Scene};
-use crate::base::atomic_file;
+use crate::base::atomic_file::{self, AtomicFolder};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::par;
 use crate::flow::strokes;
-use crate::library::build::{self, Refused, build};
+use crate::library::build::{Refused, build};
 use crate::library::inputs;
+use crate::library::options;
 use crate::library::piece::ClipId;
 use crate::library::reader::Pack;
 use crate::library::scan::reason;
 use crate::library::twins::{Changes, SAME};
 use crate::raster::picture_io::{write_grey_png, write_png};
-use crate::video::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::options::{FrameRate, SinkOptions};
+use crate::video::write::sink;
 
 /// Name of the stage; one step is a clip.
 pub const SCENES: &str = "scenes";
@@ -75,7 +77,7 @@ pub struct Options {
 ///
 /// # Errors
 /// When no clip can serve, a scene of that name exists, a library is damaged, the disk fails, or after a cancel.
-/// Scenes finished before stay; a folder without `scene.toml` is not one.
+/// Scenes finished before stay; none is left unfinished.
 pub fn scenes(clips: &[PathBuf], options: &Options, folder: &Path, observer: &dyn Observer) -> Result<Report> {
     let libraries = &options.libraries;
     let files = inputs::expand(clips)?;
@@ -185,8 +187,8 @@ fn analyse(
 ) -> Result<(Arc<Pack>, Vec<Refused>)> {
     let temporary = Temporary::new(folder)?;
     let path = temporary.0.join("clips.pack");
-    let working = packs.first().map_or(build::Options::default().working, |pack| pack.parameters().working);
-    let options = build::Options { working, ..build::Options::default() };
+    let working = packs.first().map_or(options::Options::default().working, |pack| pack.parameters().working);
+    let options = options::Options { working, ..options::Options::default() };
     let report = build(clips, &path, &options, observer)?;
     Ok((Pack::open(&path)?, report.refused))
 }
@@ -252,15 +254,15 @@ impl Target<'_> {
         if !self.options.libraries.is_empty() && nearest.is_none() {
             return Err(Error::file(Kind::Unusable, self.path, "the library holds no other clip to animate it with"));
         }
-        let folder = &self.folder;
-        std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
-        let (picture, matte) = (folder.join("picture.png"), folder.join("matte.png"));
+        // Under its name when all of it is there: a folder of that name that somebody made meanwhile is not touched.
+        let made = AtomicFolder::create(&self.folder, |_| false)?;
+        let (picture, matte, reference) =
+            (made.inside("picture.png"), made.inside("matte.png"), made.inside("reference"));
         write_png(&picture, &scene.picture)?;
         write_grey_png(&matte, &scene.matte)?;
-        let reference = folder.join("reference");
         write_reference(&reference, pack, clip, &scene, observer)?;
         let drawn = if self.options.unasked { Vec::new() } else { along_motion(pack, clip, &scene.matte)? };
-        let strokes = (!drawn.is_empty()).then(|| folder.join("strokes.json"));
+        let strokes = (!drawn.is_empty()).then(|| made.inside("strokes.json"));
         strokes.as_ref().map_or(Ok(()), |path| atomic_file::write(path, strokes::to_json(&drawn).as_bytes()))?;
         let file = SceneFile {
             picture,
@@ -271,10 +273,12 @@ impl Target<'_> {
             motion: Motion { strokes, ..Motion::default() },
             ..SceneFile::default()
         };
-        // Last, for it makes the folder a scene.
-        atomic_file::write(&folder.join(SCENE_FILE), Scene::new(file)?.to_toml(folder)?.as_bytes())?;
+        let written = made.inside(SCENE_FILE);
+        let inside = written.parent().unwrap_or(&self.folder);
+        atomic_file::write(&written, Scene::new(file)?.to_toml(inside)?.as_bytes())?;
+        made.commit()?;
         Ok(Written {
-            scene: folder.clone(),
+            scene: self.folder.clone(),
             clip: self.path.to_path_buf(),
             id: id.to_string(),
             size: (scene.picture.width, scene.picture.height),

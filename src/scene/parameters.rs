@@ -6,7 +6,7 @@ use crate::base::error::{Error, Kind, Result};
 use crate::raster::image::Plane;
 use crate::raster::npy;
 use crate::raster::picture_io::{picture_size, read_grey};
-use crate::video::folder;
+use crate::video::read::folder;
 
 /// Files of parameters; they are read when they are needed.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -16,6 +16,7 @@ use crate::raster::image::{Color, Plane, Rgb8};
 use crate::raster::picture_io::{picture_size, read_grey, read_picture};
 use crate::raster::resample::{resize, resize_channel, resize_rgb8};
 use crate::simulate;
+use crate::simulate::output::SIMULATION_FILE;
 
 /// Fewest frames of a loop.
 pub const MIN_FRAMES: usize = 2;
@@ -61,7 +62,7 @@ fn target_folder(folder: &Path) -> Result<Option<SceneFile>> {
     let [height, parameters] = [height, parameters].map(|folder| Some(folder).filter(|folder| folder.is_dir()));
     let target = TargetFile { flow: Some(flow), alpha, height, parameters, height_white: None };
     let mut scene = SceneFile { target: Some(target), ..SceneFile::default() };
-    let simulation = folder.join("sim.toml");
+    let simulation = folder.join(SIMULATION_FILE);
     if simulation.exists() {
         let text = std::fs::read_to_string(&simulation).map_err(|e| Error::io(&simulation, "read", e))?;
         scene.output.fps = simulate::file::parse(&text, &simulation)?.fps;
@@ -83,6 +84,12 @@ fn half_a_target(path: &Path) -> Option<(PathBuf, &'static str)> {
 /// The file that a person points at: a scene's folder has its `scene.toml`.
 pub fn file_of(path: &Path) -> PathBuf {
     if path.is_dir() { path.join(SCENE_FILE) } else { path.to_owned() }
+}
+
+/// Every file that [`open`] reads settings from.
+pub fn files_of(path: &Path) -> Vec<PathBuf> {
+    let simulation = path.join(SIMULATION_FILE);
+    [file_of(path), simulation].into_iter().filter(|path| path.is_file()).collect()
 }
 
 /// Calls `f` with every file and folder that a scene is made from, always in the same order; the picture of a scene without

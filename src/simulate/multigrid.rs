@@ -5,8 +5,9 @@
 //! made of. Corrections are interpolated linearly, with weights renormalised beside obstacles and walls, and residuals are
 //! gathered by the transpose, so the cycle is symmetric.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
+use crate::base::instructions::kernel;
 use crate::base::par;
 use crate::simulate::grid::Domain;
 
@@ -247,7 +248,7 @@ fn sides(level: &Level, i: usize, n: usize) -> [&[f32]; 5] {
     [left, right, top, bottom, &level.sum[i..i + n]]
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn apply_row(out: &mut [f32], x: &[f32], level: &Level, i: usize) {
     let n = out.len();
     let [xl, xr, xt, xb] = around(x, i, level.width + 2, n);
@@ -258,7 +259,7 @@ fn apply_row(out: &mut [f32], x: &[f32], level: &Level, i: usize) {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn first_row(out: &mut [f32], level: &Level, i: usize, weight: f32) {
     let n = out.len();
     let (b, inverse) = (&level.b[i..i + n], &level.inverse[i..i + n]);
@@ -267,7 +268,7 @@ fn first_row(out: &mut [f32], level: &Level, i: usize, weight: f32) {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn smooth_row(out: &mut [f32], x: &[f32], level: &Level, i: usize, weight: f32) {
     let n = out.len();
     let [xl, xr, xt, xb] = around(x, i, level.width + 2, n);
@@ -279,7 +280,7 @@ fn smooth_row(out: &mut [f32], x: &[f32], level: &Level, i: usize, weight: f32) 
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn residual_row(out: &mut [f32], level: &Level, i: usize) {
     let n = out.len();
     let [xl, xr, xt, xb] = around(&level.x, i, level.width + 2, n);

@@ -9,6 +9,7 @@ use serde::Serialize;
 use crate::base::atomic_file::AtomicFolder;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{Observer, check, stage};
+use crate::base::own_file::{self, Inputs};
 use crate::base::par;
 use crate::flow::io;
 use crate::raster::image::Plane;
@@ -17,12 +18,17 @@ use crate::simulate::file::{Mode, SimFile, format};
 use crate::simulate::fluid::{Fluid, Frame};
 use crate::simulate::setup::Setup;
 use crate::video::clip::Sink;
-use crate::video::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::options::{FrameRate, SinkOptions};
+use crate::video::write::sink;
 
 /// Frames alive at once: one being made, one being written, one between.
 const WINDOW: usize = 3;
 const STAGE: &str = "simulating";
 const PREVIEW: &str = "preview.mp4";
+const SUMMARY: &str = "summary.json";
+const MASKS: &str = "masks";
+/// Name of the simulation's file within the folder that is written.
+pub const SIMULATION_FILE: &str = "sim.toml";
 
 /// What a simulation came to; `summary.json`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -61,13 +67,14 @@ pub struct Summary {
 
 /// Simulates, and writes the folder `output`: `flow/`, `alpha/`, for water `height/`, `preview.mp4`, `sim.toml`,
 /// `masks/` where there are any, and `summary.json`. The folder appears when all of it is there, and replaces an earlier
-/// simulation's.
+/// simulation's. A simulation whose own file lies in the folder under that name is run in its place: file and masks stay as
+/// they are.
 ///
 /// # Errors
-/// Those of [`Fluid::next_frame`]; a folder with other things in it; a full disk; an interruption.
+/// Those of [`Fluid::next_frame`]; a folder with other things in it, or with what the simulation is made from; a full disk;
+/// an interruption.
 pub fn simulate(setup: &Setup, output: &Path, observer: &dyn Observer) -> Result<Summary> {
-    let folder = AtomicFolder::create(output, is_ours)?;
-    folder.write("sim.toml", format(&with_masks(&setup.file, &folder)?)?.as_bytes())?;
+    let folder = prepare(setup, output)?;
     let mut writer = Writer { setup, folder: &folder, preview: preview(setup, &folder)?, clipped: 0 };
     let mut fluid = Fluid::new(setup);
     let start = Instant::now();
@@ -98,11 +105,46 @@ pub fn simulate(setup: &Setup, output: &Path, observer: &dyn Observer) -> Result
     let summary = summary(setup, &fluid, seconds, writer.clipped);
     writer.preview.finish()?;
     let text = serde_json::to_string_pretty(&summary)
-        .map_err(|e| Error::file(Kind::Io, output, format!("cannot write summary.json: {e}")).source(e))?;
-    folder.write("summary.json", text.as_bytes())?;
+        .map_err(|e| Error::file(Kind::Io, output, format!("cannot write {SUMMARY}: {e}")).source(e))?;
+    folder.write(SUMMARY, text.as_bytes())?;
     check(observer)?;
     folder.commit()?;
     Ok(summary)
+}
+
+/// The folder with the simulation's file and its masks in it.
+fn prepare(setup: &Setup, output: &Path) -> Result<AtomicFolder> {
+    let there = output.join(SIMULATION_FILE);
+    let in_place = setup.path.as_ref().is_some_and(|path| Inputs::new([path.clone()]).holding(&there).is_some());
+    refuse_stranger(output)?;
+    let mut folder = AtomicFolder::create(output, is_ours)?;
+    if in_place {
+        folder.keep(SIMULATION_FILE);
+        let masks = std::fs::read_dir(output.join(MASKS)).into_iter().flatten().flatten();
+        masks.for_each(|mask| folder.keep(Path::new(MASKS).join(mask.file_name())));
+        return Ok(folder);
+    }
+    let shapes = setup.file.emitters.iter().map(|e| &e.shape).chain(&setup.file.obstacles);
+    let inputs = Inputs::new(shapes.filter_map(|shape| shape.mask.clone()).chain(setup.path.clone()));
+    inputs.refuse(output, "name another folder with -o")?;
+    own_file::check(&there)?;
+    let text = format(&with_masks(&setup.file, &folder)?)?;
+    folder.write(SIMULATION_FILE, &own_file::marked(text.as_bytes()))?;
+    Ok(folder)
+}
+
+/// Refuses to replace motion and opacity that no simulation wrote.
+fn refuse_stranger(output: &Path) -> Result<()> {
+    let Some(name) = ["flow", "alpha", "height", PREVIEW, SUMMARY].into_iter().find(|n| output.join(n).exists()) else {
+        return Ok(());
+    };
+    let summary = std::fs::read(output.join(SUMMARY)).ok();
+    let summary = summary.and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
+    if summary.is_some_and(|summary| summary.get("mass_drift").is_some()) {
+        return Ok(());
+    }
+    Err(Error::file(Kind::Usage, output, format!("holds {name}, which enliven simulate did not write: no {SUMMARY} says so"))
+        .remedy("write to another folder"))
 }
 
 struct Writer<'s> {
@@ -155,7 +197,7 @@ fn with_masks(file: &SimFile, folder: &AtomicFolder) -> Result<SimFile> {
         let Some(path) = &mut shape.mask else { continue };
         let bytes = std::fs::read(&*path).map_err(|e| Error::io(path, "read", e))?;
         // Pictures are told by their content, whatever the name.
-        let name = format!("masks/{name}.png");
+        let name = format!("{MASKS}/{name}.png");
         folder.write(&name, &bytes)?;
         *path = PathBuf::from(name);
     }
@@ -194,7 +236,7 @@ fn is_ours(name: &str) -> bool {
         number.is_some_and(|n| n.len() == 5 && n.bytes().all(|b| b.is_ascii_digit()))
     };
     let mask = name.strip_prefix("masks/").and_then(|n| n.strip_suffix(".png"));
-    ["flow/", "alpha/", "height/", "masks/", "sim.toml", "summary.json", PREVIEW].contains(&name)
+    ["flow/", "alpha/", "height/", "masks/", SIMULATION_FILE, SUMMARY, PREVIEW].contains(&name)
         || numbered("flow/", ".flo")
         || numbered("alpha/", ".png")
         || numbered("height/", ".png")

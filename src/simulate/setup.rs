@@ -24,6 +24,8 @@ const PATCH: (f32, f32) = (8.0, 6.0);
 /// A simulation that can run.
 #[derive(Debug, Clone)]
 pub struct Setup {
+    /// Where the file was read, if it was.
+    pub path: Option<PathBuf>,
     /// The file, with every default filled in.
     pub file: SimFile,
     /// The gas's options.
@@ -56,7 +58,8 @@ impl Setup {
         let folder = path.parent().unwrap_or(Path::new(""));
         let file = parse(&text, path)?;
         let empty = file.mode == Mode::Gas && file.emitters.is_empty();
-        let setup = Self::new(file, folder).map_err(|error| error.within(path))?;
+        let mut setup = Self::new(file, folder).map_err(|error| error.within(path))?;
+        setup.path = Some(path.to_owned());
         if empty {
             let error = wrong("emitter", "there is none, so nothing would be seen", "at least one table [[emitter]]");
             return Err(error.within(path));
@@ -93,7 +96,7 @@ impl Setup {
         for n in 0..file.emitters.len() {
             emitters.push(emitter(&mut file, n, folder, &domain)?);
         }
-        Ok(Self { gas, water, domain, emitters, file })
+        Ok(Self { path: None, gas, water, domain, emitters, file })
     }
 }
 

@@ -4,8 +4,9 @@
 //! Between the two directions a pixel's content is spread over the volume that the first one left it with, so that a
 //! constant stays constant where the flow has no divergence.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
+use crate::base::instructions::kernel;
 use crate::base::par;
 use crate::raster::image::Plane;
 use crate::simulate::grid::Velocity;
@@ -108,10 +109,10 @@ fn densities(out: &mut [f32], content: &[f32], volume: Option<&[f32]>) {
 }
 
 /// Flux through each side from the two densities before and the two after it.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
-fn fluxes(out: &mut [f32], [a, b, c, d]: [&[f32]; 4], speeds: &[f32], step: f32) {
+#[apply(kernel)]
+fn fluxes(out: &mut [f32], along: [&[f32]; 4], speeds: &[f32], step: f32) {
     let n = out.len();
-    let (a, b, c, d, speeds) = (&a[..n], &b[..n], &c[..n], &d[..n], &speeds[..n]);
+    let ([a, b, c, d], speeds) = (along.map(|values| &values[..n]), &speeds[..n]);
     for k in 0..n {
         let way = step * speeds[k];
         let ahead = b[k] + 0.5 * (1.0 - way) * slope(b[k] - a[k], c[k] - b[k]);

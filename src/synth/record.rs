@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use serde::{Deserialize, Serialize};
 
+use crate::base::instructions::InstructionSet;
 use crate::base::observe::Observer;
 use crate::base::par;
 use crate::library::names::Names;
@@ -18,7 +19,7 @@ use crate::scene::scene::Scene;
 pub struct RunRecord {
     /// Version of the program.
     pub version: String,
-    /// Instructions that the machine offers and some kernels use; frames may differ in the last bit between them.
+    /// Name of the instruction set in use; frames may differ in the last bit between sets.
     pub instructions: String,
     /// Worker threads.
     pub threads: usize,
@@ -170,7 +171,7 @@ impl RunRecord {
     /// Fills in what does not depend on the method.
     pub fn finish(&mut self, scene: &Scene, timed: &Timed) {
         self.version = env!("CARGO_PKG_VERSION").to_owned();
-        self.instructions = instructions().to_owned();
+        self.instructions = InstructionSet::chosen().name().to_owned();
         self.threads = par::threads();
         self.scene = scene.settings().clone();
         (self.working_size, self.output_size) = (scene.frame_map().working, scene.frame_map().output);
@@ -190,19 +191,6 @@ impl RunRecord {
             clip.name = id.and_then(|(library, id)| names.get(*library)?.of(*id)).map(str::to_owned);
         }
     }
-}
-
-fn instructions() -> &'static str {
-    #[cfg(target_arch = "x86_64")]
-    {
-        if std::arch::is_x86_feature_detected!("avx512bw") {
-            return "x86-64 with AVX-512";
-        }
-        if std::arch::is_x86_feature_detected!("avx2") {
-            return "x86-64 with AVX2";
-        }
-    }
-    std::env::consts::ARCH
 }
 
 /// Passes everything on to another observer, and keeps the times of the stages and the notes.

@@ -109,7 +109,7 @@ pub trait Sink: Send {
     fn push(&mut self, frame: &crate::raster::image::Rgb8) -> Result<()>;
 
     /// Writes one frame with its opacity, a byte per pixel, colours not multiplied by it; only for a sink that was made
-    /// with [`SinkOptions::alpha`](super::sink::SinkOptions::alpha).
+    /// with [`SinkOptions::alpha`](super::write::options::SinkOptions::alpha).
     ///
     /// # Errors
     /// Those of [`Sink::push`]; a sink without alpha.

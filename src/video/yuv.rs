@@ -4,9 +4,10 @@
 //! Chroma of 4:2:0 is sited left (H.273 `ChromaLocType` 0, what H.264, VP9 and MPEG-2 assume): a chroma sample lies on
 //! the even luma columns, halfway between two luma rows.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::clip::{Matrix, Range};
+use crate::base::instructions::kernel;
 use crate::raster::image::Rgb8;
 
 /// Fractional bits of the matrix coefficients.
@@ -70,7 +71,7 @@ impl Decode {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn decode_row(m: &Decode, fraction: u32, y: &[i16], cb: &[i16], cr: &[i16], rgb: &mut [u8]) {
     let shift = BITS + fraction;
     let half = 1i32 << (shift - 1);
@@ -134,7 +135,7 @@ pub fn from_rgb8(rgb: &Rgb8, matrix: Matrix, range: Range) -> [Vec<u8>; 3] {
     [luma, blue, red]
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn luma_row(encode: &Encode, rgb: &[u8], out: &mut [u8]) {
     let [r, g, b] = encode.luma;
     let offset = (encode.black << BITS) + (1 << (BITS - 1));

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use enliven::base::rng;
-use enliven::library::build::Options;
+use enliven::library::options::Options;
 
 /// Width of the clips in pixels.
 pub const WIDTH: usize = 96;

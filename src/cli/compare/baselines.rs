@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
+use super::figures::{figures, sliced, values};
 use super::plan::{Cell, PlannedScene};
-use super::rows::{figures, sliced, values};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::{par, rng};
@@ -16,7 +16,8 @@ use crate::raster::resample::resize_rgb8;
 use crate::report::comparison::Row;
 use crate::report::measuring::Measuring;
 use crate::scene::scene::Scene;
-use crate::video::sink::{self, FrameRate, SinkOptions};
+use crate::video::write::options::{FrameRate, SinkOptions};
+use crate::video::write::sink;
 
 /// Writes the picture as a video in which nothing moves, and measures it as it was before coding: quite still.
 ///

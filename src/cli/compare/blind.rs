@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::lock;
+use super::lock::lock;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::cli::common::say;

@@ -1,96 +1,32 @@
 //! `enliven compare`: every method on every scene, in one folder with a page to look at.
 
+mod arguments;
 mod baselines;
 mod blind;
+mod figures;
 mod kept;
+mod lock;
 mod pictures;
 mod plan;
 mod progress;
 mod rows;
 
-use std::fs::{File, TryLockError};
-use std::path::{Path, PathBuf};
+pub use arguments::Compare;
+
+use std::path::Path;
 use std::time::Instant;
 
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer, Once};
+use crate::base::own_file::{self, Inputs};
 use crate::cli::common::{counted, say};
+use crate::report::comparison::blind::{KEY, PAGE};
 use crate::report::comparison::{Comparison, Row};
-use crate::scene::scene::SCENE_FILE;
-use blind::Plant;
+use crate::scene::scene::{SCENE_FILE, file_of, for_each_path};
 use kept::Fingerprints;
+use lock::{LOCK, lock};
 use plan::{Plan, PlannedScene};
 use progress::Progress;
-
-/// Compare methods on scenes: videos that play in step, measures and plots on one page.
-#[derive(Debug, Clone, clap::Args)]
-pub struct Compare {
-    /// Scene files, folders with a scene.toml, folders of enliven simulate, or pictures
-    #[arg(required_unless_present = "votes", value_name = "SCENE")]
-    pub scenes: Vec<PathBuf>,
-    /// Methods to compare [default: all]
-    #[arg(long, value_name = "METHOD,…", value_delimiter = ',', value_parser = trimmed)]
-    pub methods: Vec<String>,
-    /// Values of an option to try one by one; may be given more than once, and all are combined
-    #[arg(long, value_name = "METHOD.KEY=V1,V2,…")]
-    pub sweep: Vec<String>,
-    /// Library for scenes that name none; may be given more than once
-    #[arg(long, value_name = "PACK")]
-    pub library: Vec<PathBuf>,
-    /// Exemplar for scenes that name none; may be given more than once
-    #[arg(long, value_name = "PICTURE|CLIP")]
-    pub exemplar: Vec<PathBuf>,
-    /// Its opacity: a grey picture or clip of its size, "luminance" for footage on black, or "darkness" for footage on
-    /// white; once for all exemplars, or for each in their order [default: the file's own]
-    #[arg(long, value_name = "luminance|darkness|FILE", requires = "exemplar")]
-    pub exemplar_alpha: Vec<PathBuf>,
-    /// Frames of each video [default: the scenes']
-    #[arg(long, value_name = "N")]
-    pub frames: Option<usize>,
-    /// Long side of the image the motion is made at [default: the scenes']
-    #[arg(long, value_name = "PX")]
-    pub working_size: Option<usize>,
-    /// Seed of every random choice [default: the scenes']
-    #[arg(long)]
-    pub seed: Option<u64>,
-    /// An option of a method; may be given more than once
-    #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
-    pub set: Vec<String>,
-    /// Also make a page on which people choose between two unnamed videos, for a blind test
-    #[arg(long)]
-    pub blind: bool,
-    /// Bad videos in the blind test, to see whether votes mean anything [default: frozen]
-    #[arg(long, value_name = "BAD,…", value_delimiter = ',', requires = "blind")]
-    pub plant: Vec<Plant>,
-    /// Files of votes that the blind test's page saved: what they say is added to the comparison in DIR
-    #[arg(long, value_name = "FILE", num_args = 1.., conflicts_with_all = MAKING)]
-    pub votes: Vec<PathBuf>,
-    /// Folder to write to; what is finished there already is kept
-    #[arg(short, long, value_name = "DIR")]
-    pub output: PathBuf,
-}
-
-/// Options of making a comparison, which votes are read into without making it again.
-const MAKING: [&str; 11] = [
-    "scenes",
-    "methods",
-    "sweep",
-    "library",
-    "exemplar",
-    "exemplar_alpha",
-    "frames",
-    "working_size",
-    "seed",
-    "set",
-    "blind",
-];
-
-fn trimmed(text: &str) -> std::result::Result<String, std::convert::Infallible> {
-    Ok(text.trim().to_owned())
-}
-
-/// Locked while a comparison writes into its folder.
-const LOCK: &str = ".lock";
 
 impl Compare {
     /// Runs the command.
@@ -104,11 +40,11 @@ impl Compare {
             return blind::read_votes(&self.votes, &self.output, observer);
         }
         let plan = Plan::new(self)?;
-        self.refuse_others_files()?;
+        self.refuse_others_files(&plan)?;
         plan.notes.iter().for_each(|note| observer.note(note));
         std::fs::create_dir_all(&self.output).map_err(|e| Error::io(&self.output, "make the folder", e))?;
         let _lock = lock(&self.output)?;
-        plan.write_scenes(&self.output)?;
+        plan.write_scenes(&self.output, &Inputs::new(self.scenes.iter().map(|path| file_of(path))))?;
         let (files, scenes) = (Fingerprints::default(), plan.scenes.iter().map(PlannedScene::empty).collect());
         let program = kept::program(&files)?;
         let mut comparison = Comparison { program, command: plan.command(), scenes, blind: None };
@@ -138,12 +74,28 @@ impl Compare {
         any_made(&plan, &comparison, &self.output)
     }
 
-    /// A folder that holds a page of something else, or a scene, is not written into.
-    fn refuse_others_files(&self) -> Result<()> {
-        let own = [LOCK, "results.json"].iter().any(|file| self.output.join(file).exists());
-        let found = ["index.html", "results.csv", SCENE_FILE].into_iter().find(|file| self.output.join(file).exists());
-        match found.filter(|_| !own) {
-            Some(file) => Err(Error::file(Kind::Usage, &self.output, format!("its {file} is not of a comparison"))
+    /// A folder that holds a page of something else, a scene, or a folder where a scene's rows would go, is not written
+    /// into; nor is one that a scene would be read from and written to.
+    fn refuse_others_files(&self, plan: &Plan) -> Result<()> {
+        let at = |name: &str| self.output.join(name);
+        for planned in &plan.scenes {
+            let mut inputs = self.scenes.clone();
+            for_each_path(&mut planned.file.clone(), |path| inputs.push(path.clone()));
+            let folder = at(&planned.name);
+            if let Some(input) = Inputs::new(inputs).within(&folder) {
+                let problem = format!("lies in {}, where its videos would be written", folder.display());
+                return Err(Error::file(Kind::Usage, input, problem).remedy("name another folder with -o"));
+            }
+        }
+        if own_file::is_own(&at(LOCK)) || Comparison::read(&self.output).is_ok() {
+            return Ok(());
+        }
+        let files = ["index.html", "results.csv", "results.json", "summary.csv", SCENE_FILE, KEY, PAGE];
+        let file = files.into_iter().find(|file| at(file).exists());
+        let filled = |name: &&str| std::fs::read_dir(at(name)).is_ok_and(|mut list| list.next().is_some());
+        let folder = plan.scenes.iter().map(|scene| &*scene.name).find(filled);
+        match file.or(folder) {
+            Some(name) => Err(Error::file(Kind::Usage, &self.output, format!("its {name} is not of a comparison"))
                 .remedy("name another folder with -o")),
             None => Ok(()),
         }
@@ -216,17 +168,5 @@ fn summary(comparison: &Comparison) -> String {
         format!("{scenes}, {videos}")
     } else {
         format!("{scenes}, {videos}; {failed} not made, see there")
-    }
-}
-
-/// The folder's lock, as long as the file lives.
-fn lock(folder: &Path) -> Result<File> {
-    let path = folder.join(LOCK);
-    let file = File::create(&path).map_err(|e| Error::io(&path, "write", e))?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(Error::file(Kind::Usage, folder, "another comparison is at work here")
-            .remedy("wait until it has ended, or name another folder with -o")),
-        Err(TryLockError::Error(e)) => Err(Error::io(&path, "lock", e)),
     }
 }

@@ -8,14 +8,14 @@ use crate::base::error::{Error, Result};
 use crate::base::observe::{Observer, Silent};
 use crate::flow::draw::{arrows, strokes};
 use crate::flow::field::Field;
-use crate::flow::strokes as stroke_file;
+use crate::flow::stroke_files;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::picture_io::write_png;
 use crate::raster::resample::{resize, resize_rgb8};
 use crate::scene::designed::Designed;
 use crate::scene::exemplar_file::ExemplarFile;
 use crate::scene::scene::{Scene, Still};
-use crate::synth::exemplar_files::{self, Frames, Reading};
+use crate::synth::exemplar::files::{self, Frames, Reading};
 use crate::video::conform::{ConformOptions, Conformed};
 
 /// Folder of the pictures, in that of the scene.
@@ -108,7 +108,7 @@ fn motion_asked(scene: &Scene, still: &Still, picture: &Rgb8) -> Result<Option<(
     if let Some(path) = &scene.settings().motion.strokes {
         let size = still.map.picture;
         let scale = picture.width as f32 / size.0 as f32;
-        let lines: Vec<_> = stroke_file::read(path, size)?.into_iter().map(|stroke| stroke.points).collect();
+        let lines: Vec<_> = stroke_files::read(path, size)?.into_iter().map(|stroke| stroke.points).collect();
         strokes(&mut drawn, &lines, scale);
         caption += ", with the strokes that ask for it in white";
     }
@@ -137,7 +137,7 @@ fn exemplar(planned: &PlannedScene) -> Result<Vec<Shown>> {
     let exemplars = &planned.file.exemplars;
     let which = |n: usize| if exemplars.len() > 1 { format!("Exemplar {n}") } else { "The exemplar".to_owned() };
     let shown = |(exemplar, n): (&ExemplarFile, usize)| {
-        let (picture, frame) = match exemplar_files::read(exemplar, &reading, &Silent)? {
+        let (picture, frame) = match files::read(exemplar, &reading, &Silent)? {
             Frames::Still(frame) => (frame.on_black(), ""),
             Frames::Clip(frames) => (frames[0].unpacked().on_black(), ", its first frame"),
         };

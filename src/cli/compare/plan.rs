@@ -5,18 +5,19 @@ use std::collections::BTreeSet;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use super::Compare;
+use super::arguments::Compare;
 use super::blind::Plant;
-use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
+use crate::base::own_file::{self, Inputs};
 use crate::cli::measure::bare;
 use crate::report::comparison::{Row, SceneRows, Sort};
 use crate::report::yardstick::{Reference, Yardstick};
 use crate::scene::exemplar_file::{ExemplarFile, with_opacities};
 use crate::scene::file::{SceneFile, set};
 use crate::scene::scene::{self, SCENE_FILE, Scene};
-use crate::synth::{self, REGISTRY};
+use crate::synth::methods::REGISTRY;
+use crate::synth::run;
 
 /// Folder of the scenes as they were run.
 const SCENES: &str = "scenes";
@@ -134,16 +135,19 @@ impl Plan {
         Ok(Self { scenes, notes, methods, sweep, set, blind: arguments.blind, planted })
     }
 
-    /// Writes the scenes as they are run, for [`Plan::command`].
+    /// Writes the scenes as they are run, for [`Plan::command`]; one that is run from there stays as it is.
     ///
     /// # Errors
-    /// A folder that cannot be written to.
-    pub fn write_scenes(&self, folder: &Path) -> Result<()> {
+    /// A scene of that name there that a person changed; a folder that cannot be written to.
+    pub fn write_scenes(&self, folder: &Path, inputs: &Inputs) -> Result<()> {
         let folder = folder.join(SCENES);
         std::fs::create_dir_all(&folder).map_err(|e| Error::io(&folder, "make the folder", e))?;
         self.scenes.iter().try_for_each(|planned| {
-            let text = Scene::new(planned.file.clone())?.to_toml(&folder)?;
-            atomic_file::write(&folder.join(format!("{}.toml", planned.name)), text.as_bytes())
+            let path = folder.join(format!("{}.toml", planned.name));
+            if inputs.holding(&path).is_some() {
+                return Ok(());
+            }
+            own_file::write(&path, Scene::new(planned.file.clone())?.to_toml(&folder)?.as_bytes())
         })
     }
 
@@ -225,7 +229,7 @@ impl Compare {
         file.output.seed = self.seed.unwrap_or(file.output.seed);
         (file.method, file.output.frames_range, file.output.alpha) = (None, None, false);
         self.set.iter().try_for_each(|text| set(&mut file, text))?;
-        synth::check_options(&file.options).map_err(|error| error.within(path))?;
+        run::check_options(&file.options).map_err(|error| error.within(path))?;
         Ok(file)
     }
 }
@@ -323,7 +327,7 @@ fn cell(file: &SceneFile, method: &str, point: &[(&str, &str)]) -> Result<Cell> 
         set(&mut file, &format!("{method}.{key}={value}"))?;
         let _ = write!(name, " {key}={value}");
     }
-    synth::check_options(&file.options)?;
+    run::check_options(&file.options)?;
     let point: Vec<_> = point.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
     // Whoever sweeps it wants to know about it.
     let baseline = method == PLAIN && point.is_empty();
@@ -370,11 +374,11 @@ impl Cell {
     /// The scene with every option that counts, defaults included, and no others.
     ///
     /// # Errors
-    /// Those of [`Scene::new`] and [`synth::resolve`].
+    /// Those of [`Scene::new`] and [`run::resolve`].
     pub fn settings(&self) -> Result<SceneFile> {
         let mut scene = Scene::new(self.file.clone())?;
         if self.file.method.is_some() {
-            synth::resolve(&mut scene)?;
+            run::resolve(&mut scene)?;
         }
         let method = scene.settings().method.clone().unwrap_or_default();
         let mut file = scene.settings().clone();

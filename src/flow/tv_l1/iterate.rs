@@ -3,7 +3,9 @@
 //! The row kernels are compiled for several instruction sets. The bits do not depend on the choice: every value comes
 //! from the same operations in the same order, multiply-adds are explicit, and nothing is estimated by hardware.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
+
+use crate::base::instructions::kernel;
 
 /// Lanes that row lengths are rounded up to, so that vector loops have no remainder.
 const LANES: usize = 16;
@@ -163,7 +165,7 @@ impl State {
 /// Thresholding and primal step of one row (Zach et al. 2007, Propositions 1 and 3).
 ///
 /// `primal`: u, v; `others`: the row's other channels; `above`: the dual variables of the row above.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn primal_row(n: usize, primal: &mut [f32], others: &[f32], above: &[f32], weights: Weights) {
     let stride = primal.len() / 2;
     let channel = |c: Channel, ghosts: usize| &others[(c as usize - 2) * stride + 1 - ghosts..][..n];
@@ -190,7 +192,7 @@ fn primal_row(n: usize, primal: &mut [f32], others: &[f32], above: &[f32], weigh
 /// Dual step of one component of one row: ascent and projection onto the unit disc.
 ///
 /// `dual`: horizontal and vertical dual variable; `own`: the component, `down`: the same of the row below.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn dual_row(n: usize, dual: &mut [f32], own: &[f32], down: &[f32], step: f32) {
     let (px, py) = dual.split_at_mut(dual.len() / 2);
     let (px, py) = (&mut px[1..=n], &mut py[1..=n]);

@@ -2,9 +2,10 @@
 //!
 //! The columns of all windows are sorted once per row and shared by the windows they belong to.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::iterate::{Channel, State};
+use crate::base::instructions::kernel;
 
 /// Scratch rows of the median filters.
 #[derive(Debug, Clone, Default)]
@@ -55,12 +56,12 @@ impl Median {
     }
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn sort_columns3(rows: &[f32], sorted: &mut [f32]) {
     sort_columns::<3>(rows, sorted);
 }
 
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn sort_columns5(rows: &[f32], sorted: &mut [f32]) {
     sort_columns::<5>(rows, sorted);
 }
@@ -81,7 +82,7 @@ fn sort_columns<const N: usize>(rows: &[f32], sorted: &mut [f32]) {
 }
 
 /// Median of 3 × 3 from sorted columns: the middle one of the largest minimum, the median median, the least maximum.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn medians3(sorted: &[f32], out: &mut [f32]) {
     let (n, width) = (sorted.len() / 3, out.len());
     let at: [[&[f32]; 3]; 3] = std::array::from_fn(|i| std::array::from_fn(|j| &sorted[i * n + j..][..width]));
@@ -93,7 +94,7 @@ fn medians3(sorted: &[f32], out: &mut [f32]) {
 
 /// Median of 5 × 5 from sorted columns. With the rows sorted as well, twelve values are known to lie below or above
 /// the median, six on either side; the median of the other thirteen is the median of all.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn medians5(sorted: &[f32], out: &mut [f32]) {
     let (n, width) = (sorted.len() / 5, out.len());
     let at: [[&[f32]; 5]; 5] = std::array::from_fn(|i| std::array::from_fn(|j| &sorted[i * n + j..][..width]));

@@ -1,8 +1,9 @@
 //! Linearisation of the data term around the present motion: the second frame, warped, and its derivatives.
 
-use multiversion::multiversion;
+use macro_rules_attribute::apply;
 
 use super::iterate::State;
+use crate::base::instructions::kernel;
 
 /// Border of a [`Padded`] frame, pixels on every side.
 const BORDER: usize = 3;
@@ -79,7 +80,7 @@ impl Linearise {
 }
 
 /// Where the taps of each pixel of row `y` begin, and their weights.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn place(row: &mut Row, y: f32, u: &[f32], v: &[f32], to: &Padded) {
     let n = u.len();
     let (start, tx, v) = (&mut row.start[..n], &mut row.tx[..n], &v[..n]);
@@ -99,7 +100,7 @@ fn place(row: &mut Row, y: f32, u: &[f32], v: &[f32], to: &Padded) {
 }
 
 /// Sums the taps of each pixel over y.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 fn gather(row: &mut Row, to: &Padded) {
     let n = row.start.len();
     let (columns, slopes) = (&mut row.columns[..n], &mut row.slopes[..n]);
@@ -121,7 +122,7 @@ fn gather(row: &mut Row, to: &Padded) {
 }
 
 /// Finishes a row: interpolated value and derivatives, the residual and what the thresholding step needs of them.
-#[multiversion(targets("x86_64+avx512f+avx512bw+avx512vl+avx512dq+fma", "x86_64+avx2+fma", "aarch64+neon"))]
+#[apply(kernel)]
 #[allow(clippy::too_many_arguments)]
 fn combine(
     row: &Row,
@@ -129,10 +130,11 @@ fn combine(
     height: usize,
     own: [&[f32]; 5],
     blend: f32,
-    (u, v): (&[f32], &[f32]),
-    (ix, iy): (&mut [f32], &mut [f32]),
-    (residual, inverse): (&mut [f32], &mut [f32]),
+    motion: (&[f32], &[f32]),
+    derivatives: (&mut [f32], &mut [f32]),
+    residuals: (&mut [f32], &mut [f32]),
 ) {
+    let ((u, v), (ix, iy), (residual, inverse)) = (motion, derivatives, residuals);
     let n = u.len();
     let (columns, slopes, tx, v) = (&row.columns[..n], &row.slopes[..n], &row.tx[..n], &v[..n]);
     let (ix, iy, residual, inverse) = (&mut ix[..n], &mut iy[..n], &mut residual[..n], &mut inverse[..n]);

@@ -7,27 +7,15 @@ use maud::{Markup, html};
 use super::SceneRows;
 use super::colours::{Medium, Palette};
 use super::groups::{arrow, slug};
+use super::scene_plot::Plot;
 use super::sweeps::{Sweep, sweeps};
 use crate::base::atomic_file;
 use crate::base::error::{Error, Result};
-use crate::measure::Measure;
 use crate::measure::over_time::Along;
-use crate::report::plot::{self, Drawing, Key};
+use crate::report::plot::{self, Key};
 
 /// Folder of the plots, in that of their scene.
 const FOLDER: &str = "plots";
-
-/// A plot of a scene.
-pub struct Plot {
-    /// Name of its file.
-    pub file: String,
-    /// The measure whose values it shows over swept options; none over time.
-    pub measure: Option<&'static Measure>,
-    /// What it shows.
-    pub caption: String,
-    /// The plot.
-    pub drawing: Drawing,
-}
 
 /// Writes all plots of a scene that is finished into its folder below `folder`; those that are there already stay.
 ///

@@ -2,7 +2,7 @@
 
 use super::colours::{Medium, Palette};
 use super::groups::slug;
-use super::plots::Plot;
+use super::scene_plot::Plot;
 use super::{Row, SceneRows, Sort};
 use crate::measure::{ALL, Measure};
 use crate::report::plot::{Key, three_digits};

@@ -1,6 +1,6 @@
 //! The tables as comma-separated values.
 
-use super::blind::result::{BlindTest, Cast, Use};
+use super::blind::findings::{BlindTest, Cast, Use};
 use super::overall::Overall;
 use super::{Comparison, Row, Sort};
 use crate::measure::ALL;

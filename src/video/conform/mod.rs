@@ -4,6 +4,7 @@
 pub mod bars;
 pub mod clock;
 pub mod repeats;
+pub mod scale;
 
 use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
@@ -12,10 +13,10 @@ use bars::{Bars, Crop};
 use clock::Clock;
 
 use super::clip::{RawFrame, Source, Turn};
-use super::scale::{Scaler, Window};
-use super::source::{self, Decoder};
+use super::read::source::{self, Decoder};
 use crate::base::error::{Error, Kind, Result};
 use crate::raster::image::Rgb8;
+use scale::{Scaler, Window};
 
 /// Working sizes are multiples of this, so that SIFT grids coincide under flips and scales.
 const MULTIPLE: usize = 16;

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::base::atomic_file::{self, AtomicFile};
 use crate::base::error::{Error, Kind, Result};
 use crate::report::comparison::{Comparison, Row, SceneRows, Sort};
-use crate::video::source::content_hash;
+use crate::video::read::source::content_hash;
 
 /// Folder of the videos without names.
 pub const FOLDER: &str = "blind";

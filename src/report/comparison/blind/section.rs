@@ -2,8 +2,8 @@
 
 use maud::{Markup, html};
 
+use super::findings::{BlindTest, Judged, Standing};
 use super::key::PAGE;
-use super::result::{BlindTest, Judged, Standing};
 use super::words::{percent, strength};
 use crate::report::comparison::Sort;
 use crate::report::plot;

@@ -4,9 +4,10 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use serde::{Deserialize, Serialize};
+use serde::Deserialize;
 use serde_json::Value;
 
+use super::findings::Choice;
 use super::key::{self, Key};
 use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
@@ -21,27 +22,6 @@ pub const FOLDER: &str = "votes";
 const BYTES: u64 = 1 << 24;
 /// Longest name of a voter, in characters.
 const NAME: usize = 200;
-
-/// What somebody chose.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Choice {
-    /// The left video, or the upper one where the window is narrow.
-    Left,
-    /// Neither.
-    Tie,
-    /// The right video, or the lower one.
-    Right,
-}
-
-impl Choice {
-    const ALL: [(&str, Self); 3] = [("left", Self::Left), ("tie", Self::Tie), ("right", Self::Right)];
-
-    /// As files have it.
-    pub fn word(self) -> &'static str {
-        Self::ALL.iter().find(|(_, choice)| *choice == self).map_or("", |(word, _)| word)
-    }
-}
 
 /// One choice between two videos.
 #[derive(Debug, Clone, PartialEq)]

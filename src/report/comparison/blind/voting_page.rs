@@ -13,7 +13,7 @@ use crate::base::atomic_file;
 use crate::base::error::{Error, Kind, Result};
 use crate::report::comparison::{Comparison, SceneRows};
 use crate::report::page;
-use crate::video::source;
+use crate::video::read::source;
 
 const STYLE: &str = include_str!("blind.css");
 const SCRIPT: &str = include_str!("blind.js");

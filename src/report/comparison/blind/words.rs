@@ -1,6 +1,6 @@
 //! The result in sentences and numbers for people.
 
-use super::result::{BlindTest, Judged, Planted};
+use super::findings::{BlindTest, Judged, Planted};
 use crate::base::text::counted;
 use crate::measure::preference::Estimate;
 

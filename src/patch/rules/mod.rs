@@ -1,0 +1,95 @@
+//! How the nearest-neighbour field is constrained: a file a rule, behind one trait. [`Rule`] names those that LazyFluids
+//! compares in its Figure 2.
+
+mod bidirectional;
+mod bounded;
+mod chains;
+mod coherence;
+mod exchange;
+mod leftovers;
+mod occurrence;
+mod plain;
+mod usage;
+
+pub use occurrence::{Occurrence, Penalty};
+pub use plain::Plain;
+
+use super::data::field::Nnf;
+use super::data::pose::{Pose, Upright};
+use super::level::Level;
+use super::vote::{Manner, Votes};
+use crate::base::options::Words;
+use bidirectional::Bidirectional;
+use bounded::Bounded;
+use coherence::Coherent;
+use usage::Bounds;
+
+/// A rule at work on one level of one frame.
+pub trait Constraint<P: Pose>: Send {
+    /// Improves the field for the present state of the target; `round` counts from 0 on every level.
+    fn search(&mut self, level: &Level<P>, nnf: &mut Nnf<P>, round: usize);
+
+    /// How patches are voted, where `wished` is what the settings say.
+    fn manner(&self, wished: Manner) -> Manner {
+        wished
+    }
+
+    /// Source patches that vote besides.
+    fn votes(&self) -> Option<&Votes> {
+        None
+    }
+
+    /// What it adds to the energy of the field, in units of squared values at weight 1.
+    fn energy(&self, _level: &Level<P>, _nnf: &Nnf<P>) -> f64 {
+        0.0
+    }
+}
+
+/// A rule for the nearest-neighbour field of upright patches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rule {
+    /// Every target patch takes its nearest source patch (Kwatra et al. 2005; LazyFluids, Eq. 2).
+    Plain,
+    /// Each takes the nearest of what its neighbours' patches and those that resemble them suggest, and pixels are copied
+    /// instead of blended (the discrete solver of Han et al. 2006).
+    Coherent,
+    /// Source patches vote too, each at the target patch nearest to it (bidirectional similarity: Simakov et al. 2008).
+    Bidirectional,
+    /// No source patch is used more than twice as often as uniform use would (the occurrence map of Kaspar et al. 2015).
+    Occurrence,
+    /// Every source patch of a segment is used K or K + 1 times (LazyFluids, Eq. 5), exactly.
+    Uniform,
+}
+
+impl Words for Rule {
+    const ALL: &'static [(&'static str, Self)] = &[
+        ("plain", Self::Plain),
+        ("coherent", Self::Coherent),
+        ("bidirectional", Self::Bidirectional),
+        ("occurrence", Self::Occurrence),
+        ("uniform", Self::Uniform),
+    ];
+}
+
+impl Rule {
+    /// The rule with so many sweeps a round.
+    pub(super) fn constraint(self, sweeps: usize) -> Box<dyn Constraint<Upright>> {
+        match self {
+            Self::Plain => Box::new(Plain { sweeps, near: None }),
+            Self::Coherent => Box::new(Coherent::new(sweeps)),
+            Self::Bidirectional => Box::new(Bidirectional::new(sweeps)),
+            Self::Occurrence => Box::new(Bounded::new(sweeps, Bounds::occurrence)),
+            Self::Uniform => Box::new(Bounded::new(sweeps, Bounds::uniform)),
+        }
+    }
+
+    /// Bytes that it takes beside the field, for so many pixels of the target and of the source.
+    pub fn bytes(self, targets: usize, sources: usize) -> usize {
+        match self {
+            Self::Plain => 0,
+            Self::Coherent => size_of::<super::data::field::Cell>() * sources,
+            Self::Bidirectional => (size_of::<super::data::field::Cell>() + size_of::<u32>()) * sources + 4 * targets,
+            Self::Occurrence | Self::Uniform => exchange::Exchange::bytes(targets, sources),
+        }
+    }
+}

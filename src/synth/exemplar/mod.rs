@@ -1,0 +1,9 @@
+//! What looks are borrowed from.
+
+#[expect(clippy::module_inception, reason = "exemplars are what this room is about")]
+pub mod exemplar;
+pub mod files;
+pub mod opacity;
+pub mod own;
+pub mod shots;
+pub mod video;

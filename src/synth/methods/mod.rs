@@ -1,0 +1,17 @@
+//! The methods, a file and one line of [`REGISTRY`] each.
+
+pub mod advect;
+pub mod database;
+pub mod hybrid;
+pub mod kwatra;
+pub mod lazyfluids;
+
+use super::method::MethodEntry;
+
+/// All methods.
+pub const REGISTRY: &[MethodEntry] = &[database::ENTRY, advect::ENTRY, hybrid::ENTRY, lazyfluids::ENTRY, kwatra::ENTRY];
+
+/// The method of a picture when none is named.
+pub const DEFAULT_METHOD: &str = "database";
+/// The method of a designed target when none is named.
+pub const DESIGNED_METHOD: &str = "lazyfluids";
