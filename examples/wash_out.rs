@@ -33,6 +33,7 @@ use enliven::raster::premultiplied::Premultiplied;
 use enliven::raster::resample::resize_rgb8;
 use enliven::report::contact_sheet::contact_sheet;
 use enliven::report::plot::{Key, Lines, lines};
+use enliven::scene::exemplar_file::ExemplarFile;
 use enliven::scene::file::{SceneFile, TargetFile};
 use enliven::scene::scene::Scene;
 use enliven::scene::target::Target;
@@ -169,7 +170,11 @@ struct Run {
 }
 
 fn run(exemplar: &Path, target: &TargetFile, rule: &str, frames: usize, given: &Table) -> Result<Run> {
-    let file = SceneFile { target: Some(target.clone()), exemplar: Some(exemplar.to_owned()), ..SceneFile::default() };
+    let file = SceneFile {
+        target: Some(target.clone()),
+        exemplars: vec![ExemplarFile::new(exemplar)],
+        ..SceneFile::default()
+    };
     let scene = Scene::new(file)?;
     let still = scene.still(&Silent)?;
     let target = Target::of(&scene, &still)?;
@@ -316,7 +321,7 @@ fn foreign(state: &State, source: &Patches, radius: usize, pixels: &[(usize, usi
 fn folders(folder: &Path) -> Result<TargetFile> {
     let (flow, alpha) = (folder.join("flow"), folder.join("alpha"));
     std::fs::create_dir_all(&alpha)?;
-    Ok(TargetFile { flow, alpha, height: None })
+    Ok(TargetFile { flow: Some(flow), alpha, ..TargetFile::default() })
 }
 
 /// The stirred box, opaque all over.
@@ -325,7 +330,7 @@ fn stirred(folder: &Path) -> Result<TargetFile> {
     let made = folder.with_extension("simulation");
     let summary = simulate(&setup, &made, &Silent)?;
     println!("target: at most {:.1} pixels a frame, divergence {:?}", summary.max_speed, summary.max_divergence);
-    let target = TargetFile { flow: made.join("flow"), ..folders(folder)? };
+    let target = TargetFile { flow: Some(made.join("flow")), ..folders(folder)? };
     let opaque = Plane::filled(SIDE, SIDE, 1.0);
     (0..summary.frames).try_for_each(|t| masked(&target, t, &opaque))?;
     Ok(target)
@@ -333,8 +338,8 @@ fn stirred(folder: &Path) -> Result<TargetFile> {
 
 /// Pure rotation of a disc, 1.5 pixels a frame at its rim.
 fn turning(folder: &Path, frames: usize) -> Result<TargetFile> {
-    let target = folders(folder)?;
-    std::fs::create_dir_all(&target.flow)?;
+    let (target, flow) = (folders(folder)?, folder.join("flow"));
+    std::fs::create_dir_all(&flow)?;
     let middle = SIDE as f32 / 2.0;
     let part = |f: fn(f32, f32) -> f32| {
         Plane::from_fn(SIDE, SIDE, |x, y| 1.5 / middle * f(x as f32 + 0.5 - middle, y as f32 + 0.5 - middle))
@@ -345,7 +350,7 @@ fn turning(folder: &Path, frames: usize) -> Result<TargetFile> {
         (middle - BORDER as f32 - r).clamp(0.0, 1.0)
     });
     for t in 0..frames {
-        io::write(&target.flow.join(format!("{t:05}.flo")), &field)?;
+        io::write(&flow.join(format!("{t:05}.flo")), &field)?;
         masked(&target, t, &disc)?;
     }
     Ok(target)

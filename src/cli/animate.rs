@@ -19,6 +19,7 @@ use crate::report::arrays::Arrays;
 use crate::report::contact_sheet::spread;
 use crate::report::run::{FILES, SHEET_FRAMES, to_json, write as write_report};
 use crate::scene::designed::Designed;
+use crate::scene::exemplar_file::{ExemplarFile, with_opacities};
 use crate::scene::file::{Motion, SceneFile, set};
 use crate::scene::frame_map::{preview_size, preview_working};
 use crate::scene::scene::{self, MIN_FRAMES, SCENE_FILE, Scene, for_each_path};
@@ -54,12 +55,14 @@ pub struct Animate {
     /// Clips of the library that must not be used, by file name or hash as enliven-db inspect lists them (comma-separated)
     #[arg(long, value_name = "CLIP", value_delimiter = ',')]
     pub without: Vec<String>,
-    /// Picture or clip of a fluid whose looks are borrowed, for the exemplar methods [default: the picture's own fluid]
+    /// Picture, clip or folder of frames of a fluid whose looks are borrowed, for the exemplar methods; may be given more
+    /// than once [default: the picture's own fluid]
     #[arg(long, value_name = "PICTURE|CLIP")]
-    pub exemplar: Option<PathBuf>,
-    /// Opacity of the exemplar: a grey picture of its size, or "luminance" for footage on black [default: the file's own]
-    #[arg(long, value_name = "luminance|PNG")]
-    pub exemplar_alpha: Option<PathBuf>,
+    pub exemplar: Vec<PathBuf>,
+    /// Opacity of the exemplar: a grey picture or clip of its size, "luminance" for footage on black, or "darkness" for
+    /// footage on white; once for all exemplars, or for each in their order [default: the file's own]
+    #[arg(long, value_name = "luminance|darkness|FILE")]
+    pub exemplar_alpha: Vec<PathBuf>,
     /// Main direction of the flow in degrees: 0 right, 90 down, -90 up
     #[arg(long, value_name = "DEG", allow_negative_numbers = true, value_parser = parse_direction)]
     pub direction: Option<f32>,
@@ -181,11 +184,11 @@ impl Animate {
         let over = self.clone();
         file.matte = over.matte.or(file.matte);
         file.background = over.background.or(file.background);
-        if over.exemplar.is_some() {
+        if !over.exemplar.is_empty() {
             // The scene's opacity belongs to the scene's exemplar.
-            (file.exemplar, file.exemplar_alpha) = (over.exemplar, None);
+            file.exemplars = over.exemplar.into_iter().map(ExemplarFile::new).collect();
         }
-        file.exemplar_alpha = over.exemplar_alpha.or(file.exemplar_alpha);
+        file.exemplars = with_opacities(file.exemplars, over.exemplar_alpha)?;
         file.method = over.method.or(file.method);
         if over.direction.is_some() || over.strokes.is_some() || over.orientation.is_some() {
             // Whoever names a direction here does not want the scene's other ways of saying one.

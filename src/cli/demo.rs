@@ -10,6 +10,7 @@ use crate::cli::animate::animate;
 use crate::cli::common::{bytes, counted, duration, say};
 use crate::library::build::build;
 use crate::library::options::Options;
+use crate::scene::exemplar_file::ExemplarFile;
 use crate::scene::file::SceneFile;
 use crate::scene::scene;
 use crate::simulate::output::simulate;
@@ -125,7 +126,7 @@ impl Demo {
         let target = self.output.join(format!("{name}-target"));
         simulate(&Setup::open(&input.join(simulation))?, &target, observer)?;
         let mut file = scene::open(&target)?;
-        (file.exemplar, file.method) = (Some(input.join(exemplar)), Some(method.to_owned()));
+        (file.exemplars, file.method) = (vec![ExemplarFile::new(input.join(exemplar))], Some(method.to_owned()));
         self.animate(name, file, observer)
     }
 }

@@ -51,11 +51,14 @@ impl Known {
     }
 
     /// With the motion of a designed target, `pace` of its frames a measured one: the mean of what it has where it is
-    /// opaque, over at most 16 frames.
+    /// opaque, over at most 16 frames; as it is where the target has none.
     ///
     /// # Errors
     /// Unreadable files.
     pub fn with_target(self, designed: &Designed, pace: f32, size: (usize, usize)) -> Result<Self> {
+        if !designed.has_flow() {
+            return Ok(self);
+        }
         let mut mean = Field::zeros(designed.size.0, designed.size.1);
         let count = designed.frames().min(TARGET_FRAMES);
         for t in (0..count).map(|i| i * designed.frames() / count) {

@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::exemplar_file::{self, ExemplarFile};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::options::{Table, Value, explain, refuse_unknown, unknown};
 
 /// Keys of a scene file outside its tables.
-pub const KEYS: [&str; 13] = [
+pub const KEYS: [&str; 14] = [
     "picture",
     "matte",
     "background",
@@ -20,6 +21,7 @@ pub const KEYS: [&str; 13] = [
     "without",
     "exemplar",
     "exemplar_alpha",
+    "exemplars",
     "method",
     "reference",
     "target",
@@ -27,9 +29,7 @@ pub const KEYS: [&str; 13] = [
     "output",
 ];
 /// Keys of `[target]`.
-pub const TARGET_KEYS: [&str; 3] = ["flow", "alpha", "height"];
-/// The word that stands for a file in `exemplar_alpha`: what is bright is opaque.
-pub const LUMINANCE: &str = "luminance";
+pub const TARGET_KEYS: [&str; 5] = ["flow", "alpha", "height", "height_white", "parameters"];
 /// Keys of `[motion]`.
 pub const MOTION_KEYS: [&str; 5] = ["direction", "strokes", "orientation", "speed", "max_speed"];
 /// Keys of `[output]`.
@@ -63,18 +63,15 @@ pub struct SceneFile {
     /// Clips of the libraries that must not be used, by the names that reports give them.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub without: Vec<String>,
-    /// Picture or clip of a fluid whose looks are borrowed; none: the picture's own fluid.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub exemplar: Option<PathBuf>,
-    /// Its opacity: a grey picture of its size, or [`LUMINANCE`]; none: the file's own, or opaque all over.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub exemplar_alpha: Option<PathBuf>,
     /// Registry name of the method.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub method: Option<String>,
     /// A real clip to measure against.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub reference: Option<PathBuf>,
+    /// Fluids whose looks are borrowed; none: the picture's own.
+    #[serde(flatten, with = "exemplar_file::keys")]
+    pub exemplars: Vec<ExemplarFile>,
     /// A designed target, instead of a picture.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub target: Option<TargetFile>,
@@ -91,13 +88,21 @@ pub struct SceneFile {
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct TargetFile {
-    /// Motion, pixels per frame: one file a frame ([`super::target`]).
-    pub flow: PathBuf,
+    /// Motion, pixels per frame: one file a frame ([`super::target`]); none: opacity alone is designed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub flow: Option<PathBuf>,
     /// Opacity: one grey picture a frame, white = opaque.
     pub alpha: PathBuf,
-    /// Height of the surface, grey pictures, where there is one; checked like the others, and used by no method yet.
+    /// Height of the surface, one grey picture a frame, where there is one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub height: Option<PathBuf>,
+    /// Height at white (in OpenEXR pictures: at 1) in pixels of the target; none: what the `summary.json` of a simulation
+    /// beside the folder says, if there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub height_white: Option<f32>,
+    /// What else is known of every pixel, in [0, 1]: one grey picture a frame, or an `.npy` file `(t, y, x, channel)`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub parameters: Option<PathBuf>,
 }
 
 /// Asked motion; [`super::asked::Asked::read`] says what holds where several keys speak.
@@ -169,10 +174,17 @@ impl SceneFile {
         self.target.is_none() && self.output.frames_range.is_none()
     }
 
-    /// What the scene is called: the picture's file name, or the folder that the target's flow lies in.
+    /// What the scene is called: the picture's file name, or the folder that the target lies in.
     pub fn title(&self) -> Cow<'_, str> {
-        let named = self.target.as_ref().map_or(Some(&*self.picture), |target| target.flow.parent());
+        let named = self.target.as_ref().map_or(Some(&*self.picture), |target| target.lead().parent());
         named.and_then(Path::file_name).unwrap_or("target".as_ref()).to_string_lossy()
+    }
+}
+
+impl TargetFile {
+    /// What the target is known by: its flow, or its opacity where that is all.
+    pub fn lead(&self) -> &Path {
+        self.flow.as_deref().unwrap_or(&self.alpha)
     }
 }
 
@@ -215,6 +227,7 @@ pub fn parse(text: &str, path: &Path) -> Result<SceneFile> {
         }
         .map_err(|error| error.within(path))?;
     }
+    exemplar_file::check_keys(&table).map_err(|error| error.within(path))?;
     table.try_into().map_err(bad)
 }
 

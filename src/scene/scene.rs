@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 
 use super::asked::Asked;
 use super::designed::Designed;
-use super::file::{self, LUMINANCE, Motion, Output, SceneFile, TargetFile};
+use super::exemplar;
+use super::exemplar_file::ExemplarFile;
+use super::file::{self, Motion, Output, SceneFile, TargetFile};
 use super::frame_map::FrameMap;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
@@ -53,11 +55,12 @@ pub fn open(path: &Path) -> Result<SceneFile> {
 
 /// The scene of a folder that holds nothing but a target.
 fn target_folder(folder: &Path) -> Result<Option<SceneFile>> {
-    let [flow, alpha, height] = ["flow", "alpha", "height"].map(|name| folder.join(name));
+    let [flow, alpha, height, parameters] = ["flow", "alpha", "height", "parameters"].map(|name| folder.join(name));
     if folder.join(SCENE_FILE).exists() || !flow.is_dir() || !alpha.is_dir() {
         return Ok(None);
     }
-    let target = TargetFile { flow, alpha, height: Some(height).filter(|height| height.is_dir()) };
+    let [height, parameters] = [height, parameters].map(|folder| Some(folder).filter(|folder| folder.is_dir()));
+    let target = TargetFile { flow: Some(flow), alpha, height, parameters, height_white: None };
     let mut scene = SceneFile { target: Some(target), ..SceneFile::default() };
     let simulation = folder.join(SIMULATION_FILE);
     if simulation.exists() {
@@ -90,17 +93,17 @@ pub fn files_of(path: &Path) -> Vec<PathBuf> {
 }
 
 /// Calls `f` with every file and folder that a scene is made from, always in the same order; the picture of a scene without
-/// one is empty.
+/// one is empty, and so may be an exemplar.
 pub fn for_each_path(scene: &mut SceneFile, mut f: impl FnMut(&mut PathBuf)) {
     f(&mut scene.picture);
-    if let Some(TargetFile { flow, alpha, height }) = &mut scene.target {
-        [flow, alpha].into_iter().chain(height).for_each(&mut f);
+    if let Some(TargetFile { flow, alpha, height, parameters, height_white: _ }) = &mut scene.target {
+        flow.iter_mut().chain([alpha]).chain(height).chain(parameters).for_each(&mut f);
     }
-    let SceneFile { matte, background, exemplar, exemplar_alpha, reference, library, motion, .. } = scene;
+    let SceneFile { matte, background, exemplars, reference, library, motion, .. } = scene;
     let Motion { strokes, orientation, speed, .. } = motion;
-    let exemplar_alpha = exemplar_alpha.as_mut().filter(|alpha| alpha.as_os_str() != LUMINANCE);
-    let optional = [matte, background, exemplar, reference, strokes, orientation, speed];
-    optional.into_iter().flatten().chain(exemplar_alpha).chain(library).for_each(f);
+    let optional = [matte, background, reference, strokes, orientation, speed];
+    let exemplars = exemplars.iter_mut().flat_map(ExemplarFile::paths);
+    optional.into_iter().flatten().chain(exemplars).chain(library).for_each(f);
 }
 
 /// A checked scene.
@@ -160,10 +163,10 @@ impl Scene {
         }
         file.library.iter().try_for_each(|path| library_exists(path))?;
         file.reference.iter().chain(&file.motion.strokes).try_for_each(|path| exists(path))?;
-        check_exemplar(&file)?;
+        exemplar::check(&file.exemplars)?;
         let fit = if target.is_some() { FrameMap::of_target } else { FrameMap::new };
         let map = fit(size, file.output.size, file.output.working_size).map_err(|error| match error.kind() {
-            Kind::Unusable => error.about(file.target.as_ref().map_or(&file.picture, |t| &t.flow).display()),
+            Kind::Unusable => error.about(file.target.as_ref().map_or(&*file.picture, TargetFile::lead).display()),
             _ => error,
         })?;
         Ok(Self { file, map, target })
@@ -340,22 +343,6 @@ fn same_size((path, what): (&Path, &str), (whole, size): (&str, (usize, usize)))
 
 fn exists(path: &Path) -> Result<()> {
     std::fs::metadata(path).map(|_| ()).map_err(|e| Error::io(path, "open", e))
-}
-
-fn check_exemplar(file: &SceneFile) -> Result<()> {
-    if let (None, Some(alpha)) = (&file.exemplar, &file.exemplar_alpha) {
-        let problem = format!("{} is given without an exemplar to go with it", alpha.display());
-        return Err(Error::new(Kind::Usage, "exemplar_alpha", problem)
-            .remedy("name an exemplar too; the opacity of the picture's own fluid is its matte"));
-    }
-    let alpha = file.exemplar_alpha.iter().filter(|alpha| alpha.as_os_str() != LUMINANCE);
-    if let Some(word) = alpha.clone().find(|alpha| alpha.extension().is_none() && !alpha.exists()) {
-        let problem = format!("{} is no file and no known word", word.display());
-        return Err(
-            Error::new(Kind::Usage, "exemplar_alpha", problem).allowed(format!("{LUMINANCE:?}, or a grey picture"))
-        );
-    }
-    file.exemplar.iter().chain(alpha).try_for_each(|path| exists(path))
 }
 
 fn library_exists(path: &Path) -> Result<()> {

@@ -57,6 +57,32 @@ impl Sequence {
     }
 }
 
+/// Refuses a frame that has not the `size` of `whole`.
+///
+/// # Errors
+/// The first such frame, by name; what `of` fails with.
+pub fn one_size(
+    frames: &Sequence,
+    size: (usize, usize),
+    whole: &str,
+    of: impl Fn(&Path) -> Result<(usize, usize)>,
+) -> Result<()> {
+    frames.files.iter().try_for_each(|path| has_size(path, of(path)?, (size, whole)))
+}
+
+/// Refuses a file with another size than that of `whole`.
+///
+/// # Errors
+/// Another size.
+pub fn has_size(path: &Path, found: (usize, usize), (size, whole): ((usize, usize), &str)) -> Result<()> {
+    if found == size {
+        return Ok(());
+    }
+    Err(Error::file(Kind::Usage, path, format!("is {} × {} pixels", found.0, found.1))
+        .allowed(format!("{} × {}, the size of {whole}", size.0, size.1))
+        .remedy("bring all frames to one size"))
+}
+
 /// Files with one of the extensions, sorted by name, so that an error is the same one every time.
 fn files(folder: &Path, extensions: &[&str]) -> Result<Vec<(PathBuf, String)>> {
     let read = |e| Error::io(folder, "read the folder", e);

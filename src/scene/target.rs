@@ -3,7 +3,7 @@
 //! A still picture's matte and asked motion, the same in every frame; or a designed sequence (LazyFluids, Jamriška et
 //! al. 2015, §3: flow `F^t` and alpha masks).
 
-use super::designed::Designed;
+use super::designed::{Designed, Height};
 use super::frame_map::FrameMap;
 use super::scene::{Scene, Still, resize_matte};
 use crate::base::error::{Error, Kind, Result};
@@ -44,7 +44,7 @@ impl Target {
     ///
     /// # Errors
     /// A picture without any asked motion on its matte. A frame that cannot be read, with motion that is unknown or
-    /// longer than the picture; alpha that is 0 in every frame.
+    /// longer than the picture; alpha that is 0 in every frame. Heights and parameters are looked at by who asks for them.
     pub fn of(scene: &Scene, still: &Still) -> Result<Self> {
         let (frames, map) = (scene.settings().output.length(), scene.frame_map());
         if let Some(designed) = scene.designed() {
@@ -85,7 +85,7 @@ impl Target {
     /// frame: what is at `p` in frame `t` was at `p − F(p)` in the frame before. Frame 0 has that of frame 1.
     ///
     /// # Errors
-    /// An unreadable file.
+    /// A target without flow; an unreadable file.
     pub fn flow(&self, t: usize) -> Result<Field> {
         match &self.source {
             Source::Still { flow, .. } => Ok(flow.clone()),
@@ -96,6 +96,42 @@ impl Target {
                 Ok(Field { u: shrunk(&field.u, size).map(|u| u * across), v: shrunk(&field.v, size).map(|v| v * down) })
             }
         }
+    }
+
+    /// Refuses a target that does not say how its fluid moves, for methods that must know.
+    ///
+    /// # Errors
+    /// A target without flow.
+    pub fn must_flow(&self) -> Result<()> {
+        match &self.source {
+            Source::Designed(designed) if !designed.has_flow() => Err(designed.no_flow()),
+            Source::Designed(_) | Source::Still { .. } => Ok(()),
+        }
+    }
+
+    /// Height of the surface in frame `t` at working size, its scale in pixels of the working image; none where there is
+    /// none.
+    ///
+    /// # Errors
+    /// An unreadable file; a height that is not a number.
+    pub fn height(&self, t: usize) -> Result<Option<Height>> {
+        let Source::Designed(designed) = &self.source else { return Ok(None) };
+        let scale = self.size().0 as f32 / designed.size.0 as f32;
+        let sized = |Height { plane, pixels }| Height {
+            plane: shrunk(&plane, self.size()),
+            pixels: pixels.map(|pixels: f32| pixels * scale),
+        };
+        Ok(designed.height(t)?.map(sized))
+    }
+
+    /// What else is known of every pixel in frame `t`, components in [0, 1] at working size; none where there is nothing.
+    ///
+    /// # Errors
+    /// An unreadable file; what is not a number or outside [0, 1].
+    pub fn parameters(&self, t: usize) -> Result<Option<Vec<Plane>>> {
+        let Source::Designed(designed) = &self.source else { return Ok(None) };
+        let sized = |plane: &Plane| shrunk(plane, self.size()).map(|v| v.clamp(0.0, 1.0));
+        Ok(designed.parameters(t)?.map(|planes| planes.iter().map(sized).collect()))
     }
 
     /// Tells what was assumed.
@@ -116,7 +152,9 @@ fn shrunk(plane: &Plane, (width, height): (usize, usize)) -> Plane {
 
 /// Reads all that a designed target has for its first `frames` frames.
 fn check(designed: &Designed, frames: usize) -> Result<()> {
-    par::try_map(frames, |t| designed.flow(t).map(drop))?;
+    if designed.has_flow() {
+        par::try_map(frames, |t| designed.flow(t).map(drop))?;
+    }
     for t in 0..frames {
         if designed.alpha(t)?.data.iter().any(|&a| a > 0.5 / 255.0) {
             return Ok(());
@@ -158,8 +196,10 @@ mod tests {
     use crate::base::observe::Silent;
     use crate::base::observe::testing::Notes;
     use crate::raster::image::Rgb8;
+    use crate::raster::npy;
     use crate::raster::picture_io::{encode_deep_grey_png, write_grey_png, write_png};
     use crate::scene::file::{Motion, Output, SceneFile, TargetFile};
+    use ndarray::Array4;
     use std::path::Path;
 
     /// A picture of 1280 × 720, its left half fluid, with some motion asked for.
@@ -215,7 +255,8 @@ mod tests {
             let alpha = Plane::from_fn(64, 32, |x, _| f32::from(x / 8 == t));
             std::fs::write(folder.join(format!("alpha/{number}.png")), encode_deep_grey_png(&alpha).unwrap()).unwrap();
         }
-        let target = TargetFile { flow: folder.join("flow"), alpha: folder.join("alpha"), height: None };
+        let target =
+            TargetFile { flow: Some(folder.join("flow")), alpha: folder.join("alpha"), ..TargetFile::default() };
         SceneFile { target: Some(target), ..SceneFile::default() }
     }
 
@@ -305,12 +346,79 @@ mod tests {
             let path = folder.path().join(format!("{:04}.exr", t + 1));
             Image::from_channels((64, 32), AnyChannels::sort(list)).write().to_file(path).unwrap();
         }
-        let target = TargetFile { flow: folder.path().into(), alpha: folder.path().into(), height: None };
+        let target =
+            TargetFile { flow: Some(folder.path().into()), alpha: folder.path().into(), ..TargetFile::default() };
         let target = of(SceneFile { target: Some(target), ..SceneFile::default() }).unwrap();
         assert_eq!((target.alpha(1).unwrap().at(3, 3), target.frames()), (1.0, 3));
         // Each frame says where it came from.
         let flow = target.flow(2).unwrap();
         assert_eq!((flow.u.at(9, 9), flow.v.at(9, 9)), (2.0, 2.0));
+    }
+
+    #[test]
+    fn heights_keep_their_scale_and_parameters_their_components() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut file = designed(folder.path());
+        std::fs::create_dir_all(folder.path().join("height")).unwrap();
+        for (t, number) in (7..11).enumerate() {
+            let height = Plane::filled(64, 32, 0.2 * t as f32);
+            let bytes = encode_deep_grey_png(&height).unwrap();
+            std::fs::write(folder.path().join(format!("height/{number}.png")), bytes).unwrap();
+        }
+        let (heat, array) =
+            (folder.path().join("heat.npy"), |frames, value: f32| Array4::from_elem((frames, 32, 64, 2), value));
+        npy::write_array(&heat, array(4, 0.25).view()).unwrap();
+        let target = file.target.as_mut().unwrap();
+        (target.height, target.parameters) = (Some(folder.path().join("height")), Some(heat.clone()));
+        let of = |file: &SceneFile| of(file.clone());
+        let height = |file: &SceneFile| of(file).unwrap().height(3).unwrap().unwrap();
+        assert_eq!(height(&file).pixels, None);
+        std::fs::write(folder.path().join("summary.json"), r#"{"height_white": 40.0}"#).unwrap();
+        assert_eq!(height(&file).pixels, Some(40.0));
+        assert!((height(&file).plane.at(9, 9) - 0.6).abs() < 1e-4);
+        file.target.as_mut().unwrap().height_white = Some(8.0);
+        assert_eq!(height(&file).pixels, Some(8.0));
+        // At half the size a height is half as many pixels.
+        let map = FrameMap { picture: (64, 32), working: (32, 16), output: (64, 32) };
+        let half = Target { map, ..of(&file).unwrap() };
+        let (height, parameters) = (half.height(3).unwrap().unwrap(), half.parameters(2).unwrap().unwrap());
+        assert_eq!((height.pixels, height.plane.width, parameters.len()), (Some(4.0), 32, 2));
+        assert!((parameters[1].at(9, 9) - 0.25).abs() < 1e-6);
+        let refuse = |file: &SceneFile, words: &[&str]| {
+            let message = of(file).unwrap_err().to_string();
+            words.iter().for_each(|word| assert!(message.contains(word), "{message} lacks {word}"));
+        };
+        npy::write_array(&heat, array(3, 0.25).view()).unwrap();
+        refuse(&file, &["heat.npy", "has 3 frames, the target has 4"]);
+        npy::write_array(&heat, Array4::<f32>::zeros((4, 32, 60, 1)).view()).unwrap();
+        refuse(&file, &["heat.npy", "60 × 32", "64 × 32"]);
+        npy::write_array(&heat, array(4, 1.5).view()).unwrap();
+        assert!(of(&file).unwrap().parameters(0).unwrap_err().to_string().contains("1.5"));
+        file.target.as_mut().unwrap().parameters = Some(folder.path().join("alpha"));
+        assert_eq!(of(&file).unwrap().parameters(1).unwrap().unwrap()[0].at(9, 9), 1.0);
+        file.target.as_mut().unwrap().height_white = Some(f32::NAN);
+        refuse(&file, &["target.height_white", "out of range"]);
+        file.target.as_mut().unwrap().height = None;
+        refuse(&file, &["target.height_white", "without a folder of heights"]);
+    }
+
+    #[test]
+    fn a_target_may_be_opacity_alone() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut file = designed(folder.path());
+        file.target.as_mut().unwrap().flow = None;
+        let target = of(file.clone()).unwrap();
+        assert_eq!((target.frames(), target.size(), target.alpha(2).unwrap().at(20, 9)), (4, (64, 32), 1.0));
+        assert_eq!((target.height(0).unwrap(), target.parameters(0).unwrap()), (None, None));
+        for error in [target.must_flow().unwrap_err(), target.flow(1).unwrap_err()] {
+            assert!(error.to_string().contains("the target has no flow: "), "{error}");
+        }
+        for number in [9, 10] {
+            std::fs::remove_file(folder.path().join(format!("alpha/{number}.png"))).unwrap();
+        }
+        assert_eq!(of(file.clone()).unwrap().frames(), 2);
+        std::fs::remove_file(folder.path().join("alpha/8.png")).unwrap();
+        assert!(of(file).unwrap_err().to_string().contains("has only one frame"));
     }
 
     #[test]
@@ -325,7 +433,7 @@ mod tests {
         refuse(SceneFile { matte: Some("a.png".into()), ..file.clone() }, "matte");
         let motion = Motion { direction: Some(3.0), ..Motion::default() };
         refuse(SceneFile { motion, ..file.clone() }, "motion: ");
-        let target = Some(TargetFile { flow: folder.path().join("flow"), ..TargetFile::default() });
+        let target = Some(TargetFile { flow: Some(folder.path().join("flow")), ..TargetFile::default() });
         refuse(SceneFile { target, ..file.clone() }, "target.alpha: is missing");
         for name in ["flow/0008.flo", "flow/0009.flo", "flow/0010.flo"] {
             std::fs::remove_file(folder.path().join(name)).unwrap();

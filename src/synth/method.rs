@@ -68,8 +68,8 @@ pub struct MethodEntry {
     pub citation: &'static str,
     /// Whether it borrows from libraries.
     pub library: bool,
-    /// Whether it borrows from an exemplar.
-    pub exemplar: bool,
+    /// How many exemplars it borrows from at most; 0: it takes none.
+    pub exemplars: usize,
     /// Whether it takes a designed target ([`crate::scene::target`]) in place of a picture.
     pub designed: bool,
     /// Its options.

@@ -8,6 +8,7 @@ use super::record::Timed;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::options::{Table, unknown};
+use crate::base::text::counted;
 use crate::library::names::Names;
 use crate::scene::file::{self, SceneFile};
 use crate::scene::scene::Scene;
@@ -18,7 +19,7 @@ use crate::video::clip::Sink;
 ///
 /// # Errors
 /// Unknown methods and tables (naming the nearest), unknown or bad options; a designed target for a method that takes
-/// none.
+/// none; more exemplars than it takes.
 pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
     check_options(&scene.settings().options)?;
     let names: Vec<&str> = REGISTRY.iter().map(|m| m.name).collect();
@@ -34,6 +35,12 @@ pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
         return Err(
             Error::new(Kind::Usage, "method", problem).allowed(format!("a method that does: {}", takers.join(", ")))
         );
+    }
+    let given = scene.settings().exemplars.len();
+    if method.exemplars > 0 && given > method.exemplars {
+        let takes = format!("{name} borrows from {}", counted(method.exemplars as u64, "exemplar"));
+        return Err(Error::new(Kind::Usage, "exemplars", format!("{takes}, and {given} are named"))
+            .remedy("name fewer, or another method"));
     }
     let table = (method.complete)(&scene.options(method.name))?;
     scene.set_options(method.name, table);
@@ -77,8 +84,8 @@ fn note_unused(method: &MethodEntry, file: &SceneFile, observer: &dyn Observer) 
     if !method.library && !file.library.is_empty() {
         observer.note(&format!("{} borrows from no library: the one that is named is not used", method.name));
     }
-    if let Some(exemplar) = file.exemplar.as_ref().filter(|_| !method.exemplar) {
-        observer.note(&format!("{} takes no exemplar: {} is not used", method.name, exemplar.display()));
+    for exemplar in file.exemplars.iter().filter(|_| method.exemplars == 0) {
+        observer.note(&format!("{} takes no exemplar: {} is not used", method.name, exemplar.frames.display()));
     }
 }
 

@@ -84,6 +84,9 @@ fn what_cannot_be_borrowed_is_named() {
     contains(&format!("{LAZY}exemplar_alpha = 'luminance'\n{DOWN}"), "luminance is given without an exemplar");
     let with = |alpha: &str| format!("{LAZY}exemplar = 'e.png'\nexemplar_alpha = '{alpha}'\n{DOWN}");
     contains(&with("nothing.png"), "nothing.png");
+    write_grey_png(&stage.path("white.png"), &Plane::filled(40, 36, 1.0)).unwrap();
+    let white = format!("{LAZY}exemplar = 'white.png'\nexemplar_alpha = 'darkness'\n{DOWN}");
+    contains(&white, "white.png: the exemplar is transparent all over; it is too bright for darkness");
     contains(&with("black.png"), "e.png: the exemplar is transparent all over; paint");
     write_png(&stage.path("strip.png"), &texture(900, 8, 1)).unwrap();
     contains(&format!("{LAZY}exemplar = 'strip.png'\n{DOWN}"), "pixels, shrunk from a larger one");
@@ -158,6 +161,67 @@ fn a_clip_shorter_than_the_video_is_looped_and_black_is_transparent() {
             let synthesis = outcome.record.synthesis.unwrap();
             assert!(synthesis.frames.iter().all(|f| f.outline_usage.is_some() && f.inside_usage.is_some()));
         }
+    }
+}
+
+#[test]
+fn opacity_is_filmed_beside_a_clip() {
+    let stage = Stage::new();
+    write_clip(&stage.path("clip"), 20);
+    std::fs::create_dir(stage.path("alpha")).unwrap();
+    let disc = |t: usize| {
+        Plane::from_fn(48, 40, |x, y| (14.0 - (x as f32 - 18.0 - t as f32).hypot(y as f32 - 20.0)).clamp(0.0, 1.0))
+    };
+    let write = |t: usize| write_grey_png(&stage.path(&format!("alpha/{t}.png")), &disc(t)).unwrap();
+    (0..20).for_each(write);
+    for method in ["lazyfluids", "kwatra"] {
+        let scene = format!("method = '{method}'\nexemplar = 'clip'\nexemplar_alpha = 'alpha'\n{DOWN}");
+        let (frames, _) = stage.run(&scene).unwrap();
+        assert_eq!(frames.len(), 6);
+    }
+    // A moving mask is not the same as its first frame.
+    let run =
+        |alpha: &str| stage.run(&format!("{LAZY}exemplar = 'clip'\nexemplar_alpha = '{alpha}'\n{DOWN}")).unwrap().0;
+    assert!(run("alpha") != run("alpha/0.png"));
+    write(20);
+    let error = stage.error(&format!("{LAZY}exemplar = 'clip'\nexemplar_alpha = 'alpha'\n{DOWN}")).to_string();
+    assert!(error.contains("alpha: has 21 frames, the exemplar has 20 frames"), "{error}");
+    let error = stage.error(&format!("{LAZY}exemplar = 'e.png'\nexemplar_alpha = 'alpha'\n{DOWN}")).to_string();
+    assert!(error.contains("alpha: is 48 × 40 pixels, the exemplar 40 × 36"), "{error}");
+}
+
+#[test]
+fn all_exemplars_are_one_source() {
+    let stage = Stage::new();
+    let tinted = |name: &str, channel: usize| {
+        let mut picture = texture(40, 36, 5);
+        picture.data.iter_mut().enumerate().filter(|(i, _)| i % 3 != channel).for_each(|(_, v)| *v /= 4);
+        write_png(&stage.path(name), &picture).unwrap();
+    };
+    tinted("red.png", 0);
+    tinted("blue.png", 2);
+    write_clip(&stage.path("clip"), 20);
+    let list = |names: &[&str]| -> String {
+        names.iter().map(|name| format!("[[exemplars]]\nframes = '{name}'\n")).collect::<String>() + DOWN
+    };
+    // Used equally often, patches of either colour are in every frame.
+    let (frames, outcome) = stage.run(&format!("{LAZY}{}", list(&["red.png", "blue.png"]))).unwrap();
+    for frame in outcome.record.synthesis.unwrap().frames {
+        let (least, most) = frame.inside_usage.unwrap();
+        assert!(most - least <= 1, "{frame:?}");
+    }
+    let fluid: Vec<_> = (4..92).flat_map(|y| (50..128).map(move |x| (x, y))).collect();
+    for frame in &frames {
+        let red = fluid.iter().filter(|&&(x, y)| frame.pixel(x, y)[0] > frame.pixel(x, y)[2]).count();
+        assert!((0.3..0.7).contains(&(red as f32 / fluid.len() as f32)), "{red} of {}", fluid.len());
+    }
+    // One that is named alone is what the two keys say.
+    let alone = stage.run(&format!("{LAZY}{}", list(&["red.png"]))).unwrap().0;
+    assert!(alone == stage.run(&format!("{LAZY}exemplar = 'red.png'\n{DOWN}")).unwrap().0);
+    // Pictures and clips mix.
+    for method in ["lazyfluids", "kwatra"] {
+        let (frames, _) = stage.run(&format!("method = '{method}'\n{}", list(&["clip", "blue.png"]))).unwrap();
+        assert_eq!(frames.len(), 6);
     }
 }
 

@@ -6,6 +6,8 @@ use std::sync::Mutex;
 use enliven::base::error::{Error, Kind};
 use enliven::base::observe::{Observer, Silent};
 use enliven::base::options::Value;
+use enliven::flow::field::Field;
+use enliven::flow::io as flow;
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::picture_io::{write_grey_png, write_png};
 use enliven::scene::file::{SceneFile, parse, set};
@@ -63,6 +65,90 @@ fn paths_are_relative_to_the_scene_and_a_written_scene_repeats_the_run() {
     assert_eq!(again.frame_map(), first.frame_map());
     assert_eq!(again.still(&Silent).unwrap(), first.still(&Silent).unwrap());
     assert_eq!(again.to_toml(&elsewhere).unwrap(), written);
+}
+
+#[test]
+fn one_exemplar_has_two_keys_and_several_are_a_list() {
+    let folder = tempfile::tempdir().unwrap();
+    picture(folder.path(), 100, 60);
+    matte(folder.path(), 100, 60, 1.0);
+    let write = |name: &str| std::fs::copy(folder.path().join("matte.png"), folder.path().join(name)).unwrap();
+    ["a.png", "b.png", "map.png"].iter().for_each(|name| write(name));
+    let scene = |text: &str| scene(folder.path(), &format!("picture = 'falls.png'\n{text}"));
+    let elsewhere = folder.path().join("out");
+    std::fs::create_dir(&elsewhere).unwrap();
+    for (text, written) in [
+        ("exemplar = 'a.png'", "exemplar = \"../a.png\"\n"),
+        ("exemplar = 'a.png'\nexemplar_alpha = 'luminance'", "exemplar_alpha = \"luminance\"\n"),
+        ("[[exemplars]]\nframes = 'a.png'\nopacity = 'matte.png'", "exemplar_alpha = \"../matte.png\"\n"),
+        (
+            "[[exemplars]]\nframes = 'a.png'\n[[exemplars]]\nframes = 'b.png'\nopacity = 'darkness'\nparameters = 'map.png'",
+            "[[exemplars]]\nframes = \"../a.png\"\n\n[[exemplars]]\nframes = \"../b.png\"\nopacity = \"darkness\"\n\
+             parameters = \"../map.png\"\n",
+        ),
+    ] {
+        let first = scene(text).unwrap();
+        let toml = first.to_toml(&elsewhere).unwrap();
+        assert!(toml.contains(written), "{text}: {toml}");
+        assert_eq!(toml.contains("[[exemplars]]"), written.contains("[["), "{toml}");
+        std::fs::write(elsewhere.join("scene.toml"), &toml).unwrap();
+        assert_eq!(Scene::new(open(&elsewhere).unwrap()).unwrap().to_toml(&elsewhere).unwrap(), toml);
+        // Records are JSON.
+        let json = serde_json::to_string(first.settings()).unwrap();
+        assert_eq!(&serde_json::from_str::<SceneFile>(&json).unwrap(), first.settings());
+    }
+}
+
+#[test]
+fn bad_exemplars_are_refused_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    picture(folder.path(), 100, 60);
+    matte(folder.path(), 100, 60, 1.0);
+    for name in ["clip", "masks", "flow", "small"] {
+        std::fs::create_dir(folder.path().join(name)).unwrap();
+    }
+    let grey = |name: &str, width: usize| {
+        write_grey_png(&folder.path().join(name), &Plane::filled(width, 20, 0.5)).unwrap();
+    };
+    (0..4).for_each(|t| grey(&format!("clip/{t}.png"), 30));
+    (0..3).for_each(|t| grey(&format!("masks/{t}.png"), 30));
+    (0..4).for_each(|t| grey(&format!("small/{t}.png"), 28));
+    grey("e.png", 30);
+    let field = |name: &str, width: usize| {
+        let field = Field { u: Plane::zeros(width, 20), v: Plane::zeros(width, 20) };
+        flow::write(&folder.path().join(name), &field).unwrap();
+    };
+    field("flow/0.flo", 30);
+    field("flow/2.flo", 30);
+    let refuse = |text: &str, words: &str| {
+        let error = scene(folder.path(), &format!("picture = 'falls.png'\n{text}")).unwrap_err().to_string();
+        assert!(error.contains(words), "{error:?} should contain {words:?}");
+    };
+    let clip = |text: &str, words: &str| refuse(&format!("[[exemplars]]\nframes = 'clip'\n{text}"), words);
+    clip("opacty = 'masks'", "exemplars 1.opacty: no such key");
+    clip("opacty = 'masks'", "did you mean \"opacity\"?");
+    clip("opacity = 3", "exemplars 1.opacity: 3 is not text");
+    clip("opacity = 'luminence'", "luminence is no file and no known word");
+    clip("opacity = 'none.png'", "none.png");
+    clip("opacity = 'masks'", "masks: has 3 frames, the exemplar has 4 frames (allowed: 4");
+    clip("opacity = 'small'", "small: is 28 × 20 pixels, the exemplar 30 × 20");
+    clip("flow = 'flow'", "flow: frame 1 is missing");
+    field("flow/1.flo", 28);
+    clip("flow = 'flow'", "1.flo: is 28 × 20 pixels");
+    field("flow/1.flo", 30);
+    clip("flow = 'flow'\nparameters = 'none.npy'", "none.npy");
+    clip("parameters = 'masks'", "masks: has 3 frames, the exemplar has 4 frames");
+    clip("parameters = 'matte.png'", "matte.png: is 100 × 60 pixels, the exemplar 30 × 20");
+    std::fs::remove_file(folder.path().join("flow/0.flo")).unwrap();
+    clip("flow = 'flow'", "flow: has 2 frames, the exemplar has 4 frames (allowed: 3 or 4");
+    std::fs::write(folder.path().join("p.npy"), "not an array").unwrap();
+    clip("parameters = 'p.npy'", "p.npy: is not an .npy file");
+    clip("[[exemplars]]\nframes = 'clip'", "clip: is named as an exemplar twice");
+    refuse("[[exemplars]]\nflow = 'flow'", "exemplars 1.frames: is missing");
+    refuse("exemplar = 'e.png'\n[[exemplars]]\nframes = 'clip'", "exemplar: is given beside [[exemplars]]");
+    refuse("exemplars = 'e.png'", "exemplars: is no list of tables");
+    refuse("exemplar = 3", "exemplar: 3 is not text");
+    refuse("exemplar_alpha = 'darkness'", "darkness is given without an exemplar");
 }
 
 #[test]

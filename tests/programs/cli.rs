@@ -943,6 +943,11 @@ fn mistakes_with_targets_are_named() {
     wrong(&format!("s.toml {lazy}"), &["target.alfa", "did you mean \"alpha\"?"]);
     scene("[target]\nflow = 'sim/flow'\nalpha = 'empty'");
     wrong(&format!("s.toml {lazy}"), &["empty", "no frames"]);
+    scene("[target]\nalpha = 'sim/alpha'");
+    wrong(&format!("s.toml {lazy}"), &["sim/alpha", "the target has no flow: ", "as flow in [target]"]);
+    let twice = "--exemplar picture.png --exemplar matte.png";
+    let thrice = "--exemplar-alpha luminance --exemplar-alpha darkness --exemplar-alpha luminance";
+    wrong(&format!("sim {twice} {thrice} -o x.mp4"), &["--exemplar-alpha", "is given 3 times for 2 exemplars"]);
     scene("background = 'picture.png'\n[target]\nflow = 'sim/flow'\nalpha = 'sim/alpha'");
     let line = format!("enliven animate s.toml {lazy}");
     refuse(folder.path(), &line, FAILED, &["the background is 112 × 80 pixels, the target 48 × 40"]);

@@ -19,12 +19,13 @@ pub struct Compare {
     /// Library for scenes that name none; may be given more than once
     #[arg(long, value_name = "PACK")]
     pub library: Vec<PathBuf>,
-    /// Exemplar for scenes that name none
+    /// Exemplar for scenes that name none; may be given more than once
     #[arg(long, value_name = "PICTURE|CLIP")]
-    pub exemplar: Option<PathBuf>,
-    /// Its opacity: a grey picture of its size, or "luminance" for footage on black [default: the file's own]
-    #[arg(long, value_name = "luminance|PNG", requires = "exemplar")]
-    pub exemplar_alpha: Option<PathBuf>,
+    pub exemplar: Vec<PathBuf>,
+    /// Its opacity: a grey picture or clip of its size, "luminance" for footage on black, or "darkness" for footage on
+    /// white; once for all exemplars, or for each in their order [default: the file's own]
+    #[arg(long, value_name = "luminance|darkness|FILE", requires = "exemplar")]
+    pub exemplar_alpha: Vec<PathBuf>,
     /// Frames of each video [default: the scenes']
     #[arg(long, value_name = "N")]
     pub frames: Option<usize>,

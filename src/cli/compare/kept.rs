@@ -64,16 +64,25 @@ pub fn ingredients(cell: &Cell, files: &Fingerprints) -> Result<BTreeMap<String,
         }
     });
     read?;
-    let text = file::format(&file)?;
-    let mut table = String::new();
+    add_values(&file::format(&file)?, &mut all);
+    Ok(all)
+}
+
+/// Adds the values of a TOML file as it is written here: a key a line, entries of lists of tables numbered from 1.
+fn add_values(text: &str, all: &mut BTreeMap<String, String>) {
+    let (mut table, mut entries) = (String::new(), BTreeMap::<&str, usize>::new());
     for line in text.lines() {
-        match line.split_once('=') {
-            Some((key, value)) => drop(all.insert(format!("{table}{}", key.trim()), value.trim().to_owned())),
-            None if line.starts_with('[') => table = format!("{}.", line.trim_matches(['[', ']'])),
-            None => *all.entry(table.clone()).or_default() += line.trim(),
+        match (line.split_once('='), line.strip_prefix("[[").and_then(|line| line.strip_suffix("]]"))) {
+            (Some((key, value)), _) => drop(all.insert(format!("{table}{}", key.trim()), value.trim().to_owned())),
+            (None, Some(list)) => {
+                let number = entries.entry(list).or_default();
+                *number += 1;
+                table = format!("{list} {number}.");
+            }
+            (None, None) if line.starts_with('[') => table = format!("{}.", line.trim_matches(['[', ']'])),
+            (None, None) => *all.entry(table.clone()).or_default() += line.trim(),
         }
     }
-    Ok(all)
 }
 
 /// Names of what differs.
@@ -174,6 +183,21 @@ mod tests {
             fingerprint(&folder.path().join("a")).unwrap()
         };
         assert_ne!(large(1), large(2));
+    }
+
+    #[test]
+    fn every_entry_of_a_list_counts() {
+        let values = |first: &str| {
+            let mut all = BTreeMap::new();
+            let text =
+                format!("a = 1\n[[exemplars]]\nopacity = '{first}'\n[[exemplars]]\nopacity = 'c'\n[output]\nb = 2");
+            add_values(&text, &mut all);
+            all
+        };
+        let all = values("b");
+        let keys: Vec<&str> = all.keys().map(String::as_str).collect();
+        assert_eq!(keys, ["a", "exemplars 1.opacity", "exemplars 2.opacity", "output.b"]);
+        assert_eq!(changes(&all, &values("d")), ["exemplars 1.opacity"]);
     }
 
     #[test]

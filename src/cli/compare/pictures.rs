@@ -1,5 +1,6 @@
 //! Pictures of a scene for its part of the page: what it is made from, and the motion asked for.
 
+use std::borrow::Cow;
 use std::path::Path;
 
 use super::plan::PlannedScene;
@@ -12,6 +13,7 @@ use crate::raster::image::{Plane, Rgb8};
 use crate::raster::picture_io::write_png;
 use crate::raster::resample::{resize, resize_rgb8};
 use crate::scene::designed::Designed;
+use crate::scene::exemplar_file::ExemplarFile;
 use crate::scene::scene::{Scene, Still};
 use crate::synth::exemplar::files::{self, Frames, Reading};
 use crate::video::conform::{ConformOptions, Conformed};
@@ -24,7 +26,7 @@ const LONG_SIDE: usize = 640;
 const DIMMED: (f32, f32) = (0.12, 0.4);
 
 /// A picture: its name, what it shows, and its pixels.
-type Shown = (&'static str, String, Rgb8);
+type Shown = (Cow<'static, str>, String, Rgb8);
 
 /// Writes the scene's pictures into its folder, and tells where each is, as seen from the page, and what it shows. What
 /// cannot be read is noted: the rows that need it tell the rest.
@@ -59,7 +61,7 @@ fn scene(planned: &PlannedScene) -> Result<Vec<Shown>> {
     };
     if settings.background.is_some() {
         let behind = still.background.as_ref().unwrap_or(&still.picture);
-        shown.push(("background", "What is behind the fluid.".into(), small(behind)));
+        shown.push(("background".into(), "What is behind the fluid.".into(), small(behind)));
     }
     Ok(shown)
 }
@@ -77,10 +79,10 @@ fn pictured(scene: &Scene, still: &Still) -> Result<Vec<Shown>> {
     }
     let matte = scene.settings().matte.is_some().then(|| {
         let matte = resize(&still.matte, picture.width, picture.height);
-        ("matte", "Its matte: what is white may move.".to_owned(), grey(&matte))
+        ("matte".into(), "Its matte: what is white may move.".to_owned(), grey(&matte))
     });
-    let moves = moves.map(|(caption, picture)| ("motion", caption, picture));
-    Ok([Some(("picture", caption, picture)), matte, moves].into_iter().flatten().collect())
+    let moves = moves.map(|(caption, picture)| ("motion".into(), caption, picture));
+    Ok([Some(("picture".into(), caption, picture)), matte, moves].into_iter().flatten().collect())
 }
 
 /// What is asked, drawn over the picture.
@@ -119,27 +121,31 @@ fn designed(target: &Designed, frames: usize) -> Result<Vec<Shown>> {
     // A small one is enlarged, so that there is room for arrows.
     let (width, height) = sized_to(target.size, f32::INFINITY);
     let sized = |plane: &Plane| resize(plane, width, height);
-    let (alpha, flow) = (sized(&target.alpha(t)?), target.flow(t)?);
-    let mut drawn = dimmed(&alpha);
-    arrows(&mut drawn, &Field { u: sized(&flow.u), v: sized(&flow.v) });
-    Ok(vec![
-        ("alpha", format!("The target's opacity, frame {t}."), grey(&alpha)),
-        ("motion", format!("The target's motion, frame {t}; longer is faster."), drawn),
-    ])
+    let alpha = sized(&target.alpha(t)?);
+    let mut shown = vec![("alpha".into(), format!("The target's opacity, frame {t}."), grey(&alpha))];
+    if target.has_flow() {
+        let (flow, mut drawn) = (target.flow(t)?, dimmed(&alpha));
+        arrows(&mut drawn, &Field { u: sized(&flow.u), v: sized(&flow.v) });
+        shown.push(("motion".into(), format!("The target's motion, frame {t}; longer is faster."), drawn));
+    }
+    Ok(shown)
 }
 
 fn exemplar(planned: &PlannedScene) -> Result<Vec<Shown>> {
-    let Some(path) = &planned.file.exemplar else { return Ok(Vec::new()) };
     let fps = planned.file.output.fps;
     let reading = Reading { long_side: LONG_SIDE, picture_side: LONG_SIDE, limit: 2, fps, fade: 0, room: None };
-    let (picture, caption) = match files::read(path, planned.file.exemplar_alpha.as_deref(), &reading, &Silent)? {
-        Frames::Still(frame) => (frame.on_black(), "The exemplar: what the looks are borrowed from, over black."),
-        Frames::Clip(frames) => (
-            frames[0].unpacked().on_black(),
-            "The exemplar, its first frame: what the looks are borrowed from, over black.",
-        ),
+    let exemplars = &planned.file.exemplars;
+    let which = |n: usize| if exemplars.len() > 1 { format!("Exemplar {n}") } else { "The exemplar".to_owned() };
+    let shown = |(exemplar, n): (&ExemplarFile, usize)| {
+        let (picture, frame) = match files::read(exemplar, &reading, &Silent)? {
+            Frames::Still(frame) => (frame.on_black(), ""),
+            Frames::Clip(frames) => (frames[0].unpacked().on_black(), ", its first frame"),
+        };
+        let caption = format!("{}{frame}: what the looks are borrowed from, over black.", which(n));
+        let name = if n > 1 { Cow::Owned(format!("exemplar-{n}")) } else { "exemplar".into() };
+        Ok((name, caption, small(&picture)))
     };
-    Ok(vec![("exemplar", caption.into(), small(&picture))])
+    exemplars.iter().zip(1..).map(shown).collect()
 }
 
 fn real(planned: &PlannedScene) -> Result<Vec<Shown>> {
@@ -147,7 +153,7 @@ fn real(planned: &PlannedScene) -> Result<Vec<Shown>> {
     let rate = f64::from(planned.file.output.fps);
     let first = Conformed::open(path, &ConformOptions { rate, long_side: LONG_SIDE, ..ConformOptions::default() })?
         .next_frame()?;
-    Ok(first.into_iter().map(|frame| ("real", "The real clip, its first frame.".to_owned(), frame)).collect())
+    Ok(first.into_iter().map(|frame| ("real".into(), "The real clip, its first frame.".to_owned(), frame)).collect())
 }
 
 /// The size with a long side of [`LONG_SIDE`], enlarged by at most `largest`.

@@ -13,6 +13,7 @@ use crate::base::own_file::{self, Inputs};
 use crate::cli::measure::bare;
 use crate::report::comparison::{Row, SceneRows, Sort};
 use crate::report::yardstick::{Reference, Yardstick};
+use crate::scene::exemplar_file::{ExemplarFile, with_opacities};
 use crate::scene::file::{SceneFile, set};
 use crate::scene::scene::{self, SCENE_FILE, Scene};
 use crate::synth::methods::REGISTRY;
@@ -96,11 +97,12 @@ impl Plan {
         }
         let planted = if arguments.plant.is_empty() { vec![Plant::Frozen] } else { arguments.plant.clone() };
         let (mut names, mut notes) = (BTreeSet::new(), Vec::new());
+        let exemplars = arguments.exemplars()?;
         let mut planned = |path: &PathBuf| -> Result<PlannedScene> {
-            let file = arguments.scene(path)?;
+            let file = arguments.scene(path, &exemplars)?;
             let own = [
                 ("--library", !arguments.library.is_empty() && file.library != arguments.library),
-                ("--exemplar", arguments.exemplar.is_some() && file.exemplar != arguments.exemplar),
+                ("--exemplar", !exemplars.is_empty() && file.exemplars != exemplars),
             ];
             notes.extend(
                 own.iter()
@@ -207,15 +209,20 @@ impl PlannedScene {
 }
 
 impl Compare {
+    /// The exemplars that the command line names.
+    fn exemplars(&self) -> Result<Vec<ExemplarFile>> {
+        let exemplars = self.exemplar.iter().map(ExemplarFile::new).collect();
+        with_opacities(exemplars, self.exemplar_alpha.clone())
+    }
+
     /// A scene with what the command line adds.
-    fn scene(&self, path: &Path) -> Result<SceneFile> {
+    fn scene(&self, path: &Path, exemplars: &[ExemplarFile]) -> Result<SceneFile> {
         let mut file = scene::open(path)?;
         if file.library.is_empty() {
             file.library.clone_from(&self.library);
         }
-        if file.exemplar.is_none() {
-            file.exemplar.clone_from(&self.exemplar);
-            file.exemplar_alpha.clone_from(&self.exemplar_alpha);
+        if file.exemplars.is_empty() {
+            file.exemplars = exemplars.to_vec();
         }
         file.output.frames = self.frames.or(file.output.frames);
         file.output.working_size = self.working_size.unwrap_or(file.output.working_size);
@@ -291,8 +298,7 @@ fn cells(file: &SceneFile, scene: &Scene, methods: &[&String], sweeps: &[Sweep])
 /// A row that is no method's.
 fn baseline(file: &SceneFile, sort: Sort, name: &str) -> Cell {
     // Neither a library nor an exemplar makes such a row anew.
-    let file =
-        SceneFile { library: Vec::new(), without: Vec::new(), exemplar: None, exemplar_alpha: None, ..file.clone() };
+    let file = SceneFile { library: Vec::new(), without: Vec::new(), exemplars: Vec::new(), ..file.clone() };
     let point = Vec::new();
     Cell { name: name.into(), stem: name.into(), sort, file, point, baseline: true, shuffles: None }
 }
@@ -314,8 +320,7 @@ fn cell(file: &SceneFile, method: &str, point: &[(&str, &str)]) -> Result<Cell> 
     // What a method makes no use of does not make its rows anew.
     if let Some(entry) = REGISTRY.iter().find(|entry| entry.name == method) {
         file.library.retain(|_| entry.library);
-        file.exemplar.take_if(|_| !entry.exemplar);
-        file.exemplar_alpha.take_if(|_| !entry.exemplar);
+        file.exemplars.retain(|_| entry.exemplars > 0);
     }
     let mut name = method.to_owned();
     for (key, value) in point {

@@ -42,7 +42,7 @@ impl Differences {
         observer: &dyn Observer,
     ) -> Result<Self> {
         let settings = scene.settings();
-        let Some(path) = &settings.exemplar else {
+        let Some(exemplar) = settings.exemplars.first() else {
             return Err(Error::new(
                 Kind::Usage,
                 "exemplar",
@@ -50,11 +50,12 @@ impl Differences {
             )
             .remedy("name a clip of a like fluid with --exemplar"));
         };
+        let path = &exemplar.frames;
         // A loop is looked for in twice the frames it needs.
         let limit = (2 * frames).max(4 * FADE);
         let fps = settings.output.fps;
         let reading = Reading { long_side, picture_side: long_side, limit, fps, fade: FADE, room };
-        let clip = match files::read(path, settings.exemplar_alpha.as_deref(), &reading, observer)? {
+        let clip = match files::read(exemplar, &reading, observer)? {
             Frames::Clip(clip) => clip,
             Frames::Still(_) => return Err(still(path, method)),
         };

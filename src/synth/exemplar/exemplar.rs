@@ -1,9 +1,8 @@
 //! What looks are borrowed from: a picture, a clip, or the picture's own fluid.
 
 use std::borrow::Cow;
-use std::path::Path;
 
-use super::files::{self, Frames, Packed};
+use super::files::{self, Frames, Packed, Reading};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::par;
@@ -11,7 +10,7 @@ use crate::raster::filter::gaussian;
 use crate::raster::image::Plane;
 use crate::raster::premultiplied::Premultiplied;
 use crate::render::fade::mixed;
-use crate::scene::file::LUMINANCE;
+use crate::scene::exemplar_file::{ExemplarFile, Opacity};
 use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
 use crate::synth::memory;
@@ -27,13 +26,13 @@ const SAMPLES: usize = 8;
 /// An exemplar is not shrunk below this long side, pixels.
 const LEAST: usize = 48;
 
-/// Frames to borrow from.
+/// Frames to borrow from, of one exemplar or of several.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Exemplar {
-    content: Content,
+    contents: Vec<Content>,
     /// Whether it is the picture's own fluid.
     pub own: bool,
-    /// A still one at a size for outputs larger than the working image.
+    /// A single still one at a size for outputs larger than the working image.
     pub fine: Option<Premultiplied>,
 }
 
@@ -58,64 +57,115 @@ pub struct Wanted {
 }
 
 impl Exemplar {
-    /// The exemplar of a scene. It is shrunk as is wanted, never enlarged; a clip gives one frame per output frame, and is
-    /// looped seamlessly where the target is, or is longer.
+    /// The exemplars of a scene. They are shrunk as is wanted, never enlarged; a clip gives one frame per output frame, and
+    /// is looped seamlessly where the target is, or is longer.
     ///
     /// # Errors
     /// A designed target without an exemplar; a file that cannot be read; opacity of another size, or none anywhere; an
-    /// exemplar smaller than a patch; a clip larger than the memory that is allowed; a cancel.
+    /// exemplar smaller than a patch; clips larger than the memory that is allowed; a cancel.
     pub fn of(scene: &Scene, still: &Still, target: &Target, wanted: &Wanted, observer: &dyn Observer) -> Result<Self> {
-        let settings = scene.settings();
-        let Some(path) = &settings.exemplar else {
-            if scene.designed().is_some() {
-                return Err(Error::new(Kind::Usage, "exemplar", "a designed target has no fluid of its own")
-                    .remedy("name a picture or a clip whose looks are borrowed, with --exemplar"));
-            }
-            let own = Premultiplied::new(&still.working, &still.working_matte);
-            let fine = (wanted.enlarged > 1.0).then(|| Premultiplied::new(&still.picture.to_color(), &still.matte));
-            return Ok(Self { content: Content::Still(own), own: true, fine });
-        };
-        let (frames, fps) = (target.frames(), settings.output.fps);
-        // A loop is looked for in twice the frames it needs.
-        let limit = (if target.loops() { 2 * frames } else { frames }).max(4 * FADE);
+        let files = &scene.settings().exemplars;
+        if files.is_empty() {
+            return Self::own(scene, still, wanted);
+        }
         let long_side = if wanted.long_side == 0 { target.size().0.max(target.size().1) } else { wanted.long_side };
-        let finer = |side: usize| (side as f32 * wanted.enlarged.max(1.0)).round() as usize;
-        let (picture_side, room) = (finer(long_side), memory::room(scene, 0)?);
-        let reading = files::Reading { long_side, picture_side, limit, fps, fade: FADE, room };
-        let read = files::read(path, settings.exemplar_alpha.as_deref(), &reading, observer)?;
-        let large = read.size();
-        let fine = match &read {
-            Frames::Still(frame) if wanted.enlarged > 1.0 => Some(frame.clone()),
+        let reading = reading(scene, target, long_side, wanted);
+        let mut read = Vec::with_capacity(files.len());
+        let mut taken = 0;
+        for file in files {
+            let reading = Reading { room: memory::room(scene, taken)?, ..reading };
+            let frames = files::read(file, &reading, observer)?;
+            taken += frames.clip_bytes();
+            read.push(frames);
+        }
+        let large: Vec<_> = read.iter().map(Frames::size).collect();
+        let fine = match &read[..] {
+            [Frames::Still(frame)] if wanted.enlarged > 1.0 => Some(frame.clone()),
             _ => None,
         };
-        let read = read.shrunk(long_side);
-        let read = if wanted.long_side == 0 { fitted(read, fluid_of(target)? / wanted.turns as f64) } else { read };
-        let finest = finer(read.size().0.max(read.size().1)).min(large.0.max(large.1));
+        let mut read: Vec<Frames> = read.into_iter().map(|frames| frames.shrunk(long_side)).collect();
+        if wanted.long_side == 0 {
+            read = fitted(read, fluid_of(target)? / wanted.turns as f64);
+        }
+        let finest = wanted.finer(read[0].size().0.max(read[0].size().1)).min(large[0].0.max(large[0].1));
         let fine = fine.map(|fine| files::shrunk(fine, finest));
-        let content = match read {
-            Frames::Still(frame) => Content::Still(frame),
-            Frames::Clip(clip) => {
-                let looped = target.loops() || clip.len() < frames;
-                let plan = looped.then(|| plan(&clip, frames)).transpose()?;
-                Content::Clip(clip, plan)
+        let contents = read.into_iter().map(|frames| Content::of(frames, target)).collect::<Result<_>>()?;
+        let exemplar = Self { contents, own: false, fine };
+        for ((content, file), large) in exemplar.contents.iter().zip(files).zip(large) {
+            let (width, height) = content.at(0).size();
+            let shrunk = (width, height) != large || large.0.max(large.1) == reading.picture_side;
+            content.check(file, shrunk, wanted.side)?;
+            if (width, height) != large && wanted.long_side == 0 {
+                let name = file.frames.display();
+                observer
+                    .note(&format!("{name}: used at {width} × {height} pixels, to have no more fluid than the target"));
             }
-        };
-        let exemplar = Self { content, own: false, fine };
-        let (width, height) = exemplar.at(0).size();
-        let shrunk = (width, height) != large || large.0.max(large.1) == picture_side;
-        exemplar.check(path, settings.exemplar_alpha.as_deref(), shrunk, wanted.side)?;
-        if (width, height) != large && wanted.long_side == 0 {
-            let name = path.display();
-            observer.note(&format!("{name}: used at {width} × {height} pixels, to have no more fluid than the target"));
         }
         Ok(exemplar)
     }
 
-    /// Frame `t`; negative ones come before the first.
+    /// The picture's own fluid.
+    fn own(scene: &Scene, still: &Still, wanted: &Wanted) -> Result<Self> {
+        if scene.designed().is_some() {
+            return Err(Error::new(Kind::Usage, "exemplar", "a designed target has no fluid of its own")
+                .remedy("name a picture or a clip whose looks are borrowed, with --exemplar"));
+        }
+        let own = Premultiplied::new(&still.working, &still.working_matte);
+        let fine = (wanted.enlarged > 1.0).then(|| Premultiplied::new(&still.picture.to_color(), &still.matte));
+        Ok(Self { contents: vec![Content::Still(own)], own: true, fine })
+    }
+
+    /// Frame `t` of the first exemplar; negative ones come before the first.
     pub fn at(&self, t: i64) -> Cow<'_, Premultiplied> {
-        match &self.content {
-            Content::Still(frame) => Cow::Borrowed(frame),
-            Content::Clip(frames, Some(plan)) => {
+        self.contents[0].at(t)
+    }
+
+    /// Frame `t` of every exemplar.
+    pub fn all_at(&self, t: i64) -> Vec<Cow<'_, Premultiplied>> {
+        self.contents.iter().map(|content| content.at(t)).collect()
+    }
+
+    /// Memory that the frames of clips take, bytes.
+    pub fn clip_bytes(&self) -> u64 {
+        let bytes = |content: &Content| match content {
+            Content::Still(_) => 0,
+            Content::Clip(frames, _) => files::bytes(frames),
+        };
+        self.contents.iter().map(bytes).sum()
+    }
+
+    /// Whether all frames are the same.
+    pub fn is_still(&self) -> bool {
+        self.contents.iter().all(|content| matches!(content, Content::Still(_)))
+    }
+
+    /// Whether there is no outline to borrow, for every exemplar.
+    pub fn are_opaque(&self) -> Vec<bool> {
+        self.contents.iter().map(|content| content.alphas_are(|a| a > 1.0 - UNSEEN)).collect()
+    }
+
+    /// Whether there is no outline to borrow from any.
+    pub fn is_opaque(&self) -> bool {
+        self.are_opaque().iter().all(|opaque| *opaque)
+    }
+}
+
+impl Content {
+    fn of(frames: Frames, target: &Target) -> Result<Self> {
+        Ok(match frames {
+            Frames::Still(frame) => Self::Still(frame),
+            Frames::Clip(clip) => {
+                let looped = target.loops() || clip.len() < target.frames();
+                let plan = looped.then(|| plan(&clip, target.frames())).transpose()?;
+                Self::Clip(clip, plan)
+            }
+        })
+    }
+
+    fn at(&self, t: i64) -> Cow<'_, Premultiplied> {
+        match self {
+            Self::Still(frame) => Cow::Borrowed(frame),
+            Self::Clip(frames, Some(plan)) => {
                 let blend = plan.at(t.rem_euclid(plan.length() as i64) as usize);
                 let a = frames[blend.a.frame].unpacked();
                 Cow::Owned(match blend.b {
@@ -123,39 +173,26 @@ impl Exemplar {
                     None => a,
                 })
             }
-            Content::Clip(frames, None) => Cow::Owned(frames[t.clamp(0, frames.len() as i64 - 1) as usize].unpacked()),
+            Self::Clip(frames, None) => Cow::Owned(frames[t.clamp(0, frames.len() as i64 - 1) as usize].unpacked()),
         }
-    }
-
-    /// Memory that the frames of a clip take, bytes.
-    pub fn clip_bytes(&self) -> u64 {
-        match &self.content {
-            Content::Still(_) => 0,
-            Content::Clip(frames, _) => frames.iter().map(|frame| frame.bytes() as u64).sum(),
-        }
-    }
-
-    /// Whether all frames are the same.
-    pub fn is_still(&self) -> bool {
-        matches!(self.content, Content::Still(_))
-    }
-
-    /// Whether there is no outline to borrow.
-    pub fn is_opaque(&self) -> bool {
-        self.alphas_are(|a| a > 1.0 - UNSEEN)
     }
 
     fn alphas_are(&self, test: impl Fn(f32) -> bool + Sync + Send) -> bool {
-        match &self.content {
-            Content::Still(frame) => frame.alpha().data.iter().all(|&a| test(a)),
-            Content::Clip(frames, _) => {
+        match self {
+            Self::Still(frame) => frame.alpha().data.iter().all(|&a| test(a)),
+            Self::Clip(frames, _) => {
                 let all = |i: usize| frames[i].data.iter().all(|p| test(f32::from(p[3]) / 255.0));
                 par::map(frames.len(), all).into_iter().all(|fits| fits)
             }
         }
     }
 
-    fn check(&self, path: &Path, alpha: Option<&Path>, shrunk: bool, side: usize) -> Result<()> {
+    fn check(
+        &self,
+        ExemplarFile { frames: path, opacity, .. }: &ExemplarFile,
+        shrunk: bool,
+        side: usize,
+    ) -> Result<()> {
         let (width, height) = self.at(0).size();
         if width.min(height) < side {
             let shrunk = if shrunk { ", shrunk from a larger one" } else { "" };
@@ -165,17 +202,36 @@ impl Exemplar {
                 .remedy("give a larger one, or a larger long side with option exemplar_size"));
         }
         if self.alphas_are(|a| a < UNSEEN) {
-            let remedy = match alpha {
+            let remedy = match opacity {
                 None => "give its opacity with --exemplar-alpha: a grey picture, white where the fluid is".to_owned(),
-                Some(word) if word.as_os_str() == LUMINANCE => {
+                Some(Opacity::Luminance) => {
                     "it is too dark for luminance: give a grey picture with --exemplar-alpha".to_owned()
                 }
-                Some(painted) => format!("paint {} white where the fluid is", painted.display()),
+                Some(Opacity::Darkness) => {
+                    "it is too bright for darkness: give a grey picture with --exemplar-alpha".to_owned()
+                }
+                Some(Opacity::File(painted)) => format!("paint {} white where the fluid is", painted.display()),
             };
             return Err(Error::file(Kind::Unusable, path, "the exemplar is transparent all over").remedy(remedy));
         }
         Ok(())
     }
+}
+
+impl Wanted {
+    /// A side at the output's size.
+    fn finer(&self, side: usize) -> usize {
+        (side as f32 * self.enlarged.max(1.0)).round() as usize
+    }
+}
+
+/// How files are read for a target.
+fn reading(scene: &Scene, target: &Target, long_side: usize, wanted: &Wanted) -> Reading {
+    let frames = target.frames();
+    // A loop is looked for in twice the frames it needs.
+    let limit = (if target.loops() { 2 * frames } else { frames }).max(4 * FADE);
+    let (picture_side, fps) = (wanted.finer(long_side), scene.settings().output.fps);
+    Reading { long_side, picture_side, limit, fps, fade: FADE, room: None }
 }
 
 /// A loop of `frames` frames out of a clip.
@@ -205,17 +261,25 @@ fn fluid(alpha: &Plane) -> f64 {
     alpha.data.iter().map(|&a| f64::from(a)).sum()
 }
 
-/// An exemplar shrunk until no frame has more than `most` opaque pixels: patches that are never used would be the ones with
-/// detail (LazyFluids, §6).
-fn fitted(frames: Frames, most: f64) -> Frames {
-    let has = match &frames {
+/// Exemplars shrunk until they have no more than `most` opaque pixels in any frame, all by the same share: patches that are
+/// never used would be the ones with detail (LazyFluids, §6).
+fn fitted(exemplars: Vec<Frames>, most: f64) -> Vec<Frames> {
+    let has: f64 = exemplars.iter().map(most_fluid).sum();
+    let shrink = |frames: Frames| {
+        let (width, height) = frames.size();
+        let long = width.max(height);
+        let side = (long as f64 * (most / has.max(1.0)).sqrt()).round() as usize;
+        frames.shrunk(side.max(LEAST.min(long)))
+    };
+    exemplars.into_iter().map(shrink).collect()
+}
+
+/// Most fluid that a frame has, in opaque pixels.
+fn most_fluid(frames: &Frames) -> f64 {
+    match frames {
         Frames::Still(frame) => fluid(frame.alpha()),
         Frames::Clip(clip) => par::map(clip.len(), |i| clip[i].fluid()).into_iter().fold(0.0, f64::max),
-    };
-    let (width, height) = frames.size();
-    let long = width.max(height);
-    let side = (long as f64 * (most / has.max(1.0)).sqrt()).round() as usize;
-    frames.shrunk(side.max(LEAST.min(long)))
+    }
 }
 
 /// Mean colour of the fluid around every pixel.

@@ -4,4 +4,7 @@ pub mod differences;
 #[expect(clippy::module_inception, reason = "exemplars are what this room is about")]
 pub mod exemplar;
 pub mod files;
+pub mod opacity;
 pub mod own;
+pub mod shots;
+pub mod video;

@@ -40,7 +40,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     citation: "after Holynski, Curless, Seitz & Szeliski, \"Animating Pictures with Eulerian Motion Fields\", CVPR 2021, \
                without the network",
     library: false,
-    exemplar: false,
+    exemplars: 0,
     designed: false,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.to_table()),

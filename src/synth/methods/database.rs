@@ -10,7 +10,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     summary: "borrows motion piece by piece from a library of clips",
     citation: "Okabe, Anjyo & Onai, \"Creating Fluid Animation from a Single Image using Video Database\", CGF 30(7), 2011",
     library: true,
-    exemplar: false,
+    exemplars: 0,
     designed: false,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.checked("database")?.to_table()),

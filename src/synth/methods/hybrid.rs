@@ -37,7 +37,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     citation: "ours, from Okabe, Anjyo & Onai 2011 and Holynski, Curless, Seitz & Szeliski, \"Animating Pictures with \
                Eulerian Motion Fields\", CVPR 2021",
     library: true,
-    exemplar: false,
+    exemplars: 0,
     designed: false,
     options: declared,
     complete: |table| {

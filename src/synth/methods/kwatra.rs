@@ -42,7 +42,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     summary: "gives a fluid of known motion the looks of an exemplar, each patch its nearest: the baseline of lazyfluids",
     citation: "Kwatra, Essa, Bobick & Kwatra, \"Texture Optimization for Example-based Synthesis\", ACM TOG 24(3), 2005",
     library: false,
-    exemplar: true,
+    exemplars: usize::MAX,
     designed: true,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.checked()?.to_table()),

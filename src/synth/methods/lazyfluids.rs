@@ -63,7 +63,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     citation: "Jamriška, Fišer, Asente, Lu, Shechtman & Sýkora, \"LazyFluids: Appearance Transfer for Fluid Animations\", \
                ACM TOG 34(4), 2015",
     library: false,
-    exemplar: true,
+    exemplars: usize::MAX,
     designed: true,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.checked()?.to_table()),

@@ -35,7 +35,7 @@ use crate::render::transport::{Inflow, Transport};
 use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
 use crate::synth::exemplar::differences::Differences;
-use crate::synth::maps::{Maps, maps};
+use crate::synth::maps::{self, Maps, maps};
 use crate::synth::memory;
 use crate::synth::method::{MethodEntry, Outcome, Sources, Synthesizer};
 use crate::synth::record::{RunRecord, SynthesisRecord, Timed};
@@ -103,7 +103,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     summary: "carries what changes in one clip along the motion that is asked for; needs strokes or a direction",
     citation: "Okabe, Anjyo, Igarashi & Seidel, \"Animating Pictures of Fluid using Video Examples\", CGF 28(2), 2009",
     library: false,
-    exemplar: true,
+    exemplars: 1,
     designed: false,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.to_table()),
@@ -347,10 +347,11 @@ fn on_cells(flow: &Field) -> AssignedMotion {
 }
 
 fn outcome(still: &Still, flow: Field, exemplar_size: (usize, usize)) -> Outcome {
+    let arrays = maps::arrays(&flow, still.asked.as_ref());
     let picture = ("motion", draw::colour(&flow, 0.0));
     let motion = AssignedMotion { activity: flow.magnitude(), mean: flow };
     let Maps { mut pictures, max_speed } = maps(&motion, 1.0, still.asked.as_ref(), &still.working_matte, &still.map);
     pictures.push(picture);
     let synthesis = Some(SynthesisRecord { exemplar_size, frames: Vec::new() });
-    Outcome { record: RunRecord { synthesis, max_speed: Some(max_speed), ..RunRecord::default() }, pictures }
+    Outcome { record: RunRecord { synthesis, max_speed: Some(max_speed), ..RunRecord::default() }, pictures, arrays }
 }

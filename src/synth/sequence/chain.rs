@@ -80,7 +80,8 @@ pub struct Chain<'a> {
     around: Option<[Plane; 3]>,
     /// The picture's own fluid, where that is the exemplar.
     own: Option<Own>,
-    opaque: bool,
+    /// Whether each exemplar is opaque all over, and whether all are.
+    opaque: (Vec<bool>, bool),
 }
 
 impl<'a> Chain<'a> {
@@ -96,9 +97,11 @@ impl<'a> Chain<'a> {
     ) -> Result<Self> {
         let engine = Engine::new(recipe.channels.layout(recipe.radius)?, recipe.settings.clone());
         let around = recipe.channels.surroundings(&exemplar.at(0));
-        let opaque = exemplar.is_opaque();
+        let each = exemplar.are_opaque();
+        let all = each.iter().all(|opaque| *opaque);
         let own = exemplar.own.then(|| Own::new(&exemplar.at(0), recipe.settings.seed));
-        let mut chain = Self { recipe, engine, exemplar, target, observer, source: None, around, own, opaque };
+        let mut chain =
+            Self { recipe, engine, exemplar, target, observer, source: None, around, own, opaque: (each, all) };
         if exemplar.is_still() {
             chain.source = Some(chain.source(0, 0)?);
         }
@@ -108,7 +111,7 @@ impl<'a> Chain<'a> {
 
     /// Refuses an exemplar that is all outline: there would be nothing to fill the fluid with.
     fn check_inside(&self) -> Result<()> {
-        if self.opaque || self.exemplar.own || !self.recipe.channels.makes_alpha() {
+        if self.opaque.1 || self.exemplar.own || !self.recipe.channels.makes_alpha() {
             return Ok(());
         }
         let frames = self.target.frames() as i64;
@@ -134,7 +137,7 @@ impl<'a> Chain<'a> {
         let start = self.beginning(&alpha);
         let zero = Plane::zeros(alpha.width, alpha.height);
         let kept = self.exemplar.own.then(|| Plane::filled(alpha.width, alpha.height, 1.0));
-        let image = self.image(&start, &alpha, &start);
+        let image = self.image((&start, &alpha, &start), self.opaque.1);
         let target = Start { modulation: Some(zero), kept, ..Start::new(image) };
         let source = self.source_of(0, 0)?;
         let frame = self.engine.frame(source.as_ref(), &target, &self.part(0))?;
@@ -171,7 +174,7 @@ impl<'a> Chain<'a> {
             modulation: Some(coherence),
             anchor,
             previous: self.recipe.carries_field.then(|| state.field.carried(|x, y| carry.position(x, y))),
-            ..Start::new(self.image(&start, &alpha, &before))
+            ..Start::new(self.image((&start, &alpha, &before), self.opaque.1))
         };
         let source = self.source_of(t, state.t)?;
         let frame = self.engine.frame(source.as_ref(), &target, &self.part(t))?;
@@ -226,18 +229,22 @@ impl<'a> Chain<'a> {
         self.source.as_ref().map_or_else(|| Ok(Cow::Owned(self.source(t, before)?)), |s| Ok(Cow::Borrowed(s)))
     }
 
-    /// Exemplar frame `t` with `before` as the one before it.
+    /// Exemplars' frame `t` with `before` as the one before it; all are one source.
     fn source(&self, t: i64, before: i64) -> Result<Source> {
-        let (now, before) = (self.exemplar.at(t), self.exemplar.at(before));
-        let image = self.image(&now, now.alpha(), &before);
-        self.engine.source(&if self.recipe.turned { image.quarter_turns().to_vec() } else { vec![image] })
+        let (now, before) = (self.exemplar.all_at(t), self.exemplar.all_at(before));
+        let images = now.iter().zip(&before).zip(&self.opaque.0).flat_map(|((now, before), opaque)| {
+            let image = self.image((now, now.alpha(), before), *opaque);
+            if self.recipe.turned { image.quarter_turns().to_vec() } else { vec![image] }
+        });
+        self.engine.source(&images.collect::<Vec<_>>())
     }
 
-    fn image(&self, now: &Premultiplied, alpha: &Plane, before: &Premultiplied) -> Image {
-        let (around, opaque) = (self.around.as_ref(), self.opaque);
+    /// A frame, its opacity and the frame before it as an image of the engine; an `opaque` one has no outline.
+    fn image(&self, (now, alpha, before): (&Premultiplied, &Plane, &Premultiplied), opaque: bool) -> Image {
+        let around = self.around.as_ref();
         let apart = self.own.as_ref().and_then(|own| own.parts.as_ref());
         let whole = opaque || !self.recipe.channels.makes_alpha();
-        let parts = Parts { now, alpha, before, around, apart, whole, opaque };
+        let parts = Parts { now, alpha, before, around, apart, whole, opaque: self.opaque.1 };
         self.recipe.channels.image(&parts, self.thresholds().lower)
     }
 
@@ -247,15 +254,15 @@ impl<'a> Chain<'a> {
 
     /// What the first frame starts from: the picture's own fluid, or noise about the exemplar's mean colour.
     fn beginning(&self, alpha: &Plane) -> Premultiplied {
-        let exemplar = self.exemplar.at(0);
         if self.exemplar.own {
-            return exemplar.into_owned();
+            return self.exemplar.at(0).into_owned();
         }
-        let (width, height) = (alpha.width, alpha.height);
-        let mean = |c: usize| {
-            let total: f64 = exemplar.alpha().data.iter().map(|&a| f64::from(a)).sum();
-            (exemplar.planes[c].data.iter().map(|&v| f64::from(v)).sum::<f64>() / total.max(1e-6)) as f32
+        let (width, height, exemplars) = (alpha.width, alpha.height, self.exemplar.all_at(0));
+        let sum = |c: usize| {
+            let plane = |frame: &Cow<Premultiplied>| frame.planes[c].data.iter().map(|&v| f64::from(v)).sum::<f64>();
+            exemplars.iter().map(plane).sum::<f64>()
         };
+        let mean = |c: usize| (sum(c) / sum(3).max(1e-6)) as f32;
         let colour = |c: usize| {
             let (mean, seed) = (mean(c), self.recipe.settings.seed);
             let value = |x: usize, y: usize| rng::unit(rng::hash(seed, &[c as u64, x as u64, y as u64])) - 0.5;

@@ -64,10 +64,11 @@ pub trait PatchMethod {
 /// Reads picture, target and exemplar, makes all frames and writes them.
 ///
 /// # Errors
-/// A target or exemplar that does not serve, unreadable files, a sink that fails, a cancel.
+/// A target without flow, a target or exemplar that does not serve, unreadable files, a sink that fails, a cancel.
 pub fn synthesize(method: &impl PatchMethod, scene: &Scene, sink: &mut dyn Sink, observer: &Timed) -> Result<Outcome> {
     let still = stage(observer, "read picture", 0, || scene.still(observer))?;
     let target = Target::of(scene, &still)?;
+    target.must_flow()?;
     target.note(observer);
     let wanted = method.wanted(&still);
     let exemplar = stage(observer, "exemplar", 0, || Exemplar::of(scene, &still, &target, &wanted, observer))?;

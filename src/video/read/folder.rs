@@ -10,7 +10,7 @@ use crate::base::error::{Error, Kind, Result};
 use crate::video::clip::{ClipInfo, Pixels, RawFrame, Source, Turn};
 
 /// Nanoseconds each picture lasts.
-const PERIOD_NS: u64 = 40_000_000;
+pub const PERIOD_NS: u64 = 40_000_000;
 
 /// The folder's pictures in natural order (`2.png` before `10.png`); other files and hidden ones are left out.
 ///

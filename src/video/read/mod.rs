@@ -1,6 +1,7 @@
 //! A file per format in, behind one trait, and [`source`], which tells formats apart.
 
 pub mod animation;
+mod array;
 pub mod avi;
 pub mod decoder;
 pub mod ffmpeg;

@@ -4,7 +4,7 @@ use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use super::{animation, avi, ffmpeg, folder, mp4, webm, y4m};
+use super::{animation, array, avi, ffmpeg, folder, mp4, webm, y4m};
 use crate::base::error::{Error, Kind, Result};
 use crate::video::clip::{ClipInfo, RawFrame, Source};
 
@@ -31,6 +31,7 @@ enum Format {
     WebP,
     Y4m,
     Jpeg,
+    Npy,
     /// A container that only ffmpeg reads.
     Foreign(&'static str),
     Unknown,
@@ -49,6 +50,7 @@ impl Format {
             () if at(0, b"\x89PNG\r\n\x1a\n") => Self::Png,
             () if at(0, b"YUV4MPEG2") => Self::Y4m,
             () if at(0, &[0xff, 0xd8, 0xff]) => Self::Jpeg,
+            () if at(0, b"\x93NUMPY") => Self::Npy,
             () if at(0, b"OggS") => Self::Foreign("Ogg"),
             () if at(0, b"FLV\x01") => Self::Foreign("Flash video"),
             () if at(0, &[0x30, 0x26, 0xb2, 0x75]) => Self::Foreign("Windows Media (ASF)"),
@@ -61,7 +63,7 @@ impl Format {
     }
 }
 
-/// Opens a clip: a video file, an animation, or a folder of pictures.
+/// Opens a clip: a video file, an animation, an `.npy` file of frames, or a folder of pictures.
 ///
 /// # Errors
 /// When it cannot be read, is not a video, or needs ffmpeg and ffmpeg is absent.
@@ -113,6 +115,7 @@ pub fn open_with(path: &Path, decoder: Decoder) -> Result<Box<dyn Source>> {
             y4m::Content::Other(what) => through_ffmpeg(&what),
         },
         Format::Jpeg => Err(animation::still(path)),
+        Format::Npy => Ok(Box::new(array::open(path)?)),
         Format::Foreign(container) => through_ffmpeg(container),
         Format::Unknown if decoder == Decoder::Auto && ffmpeg::available() => through_ffmpeg("this file"),
         Format::Unknown => Err(unknown(path)),
@@ -150,7 +153,7 @@ fn begun(mut source: Box<dyn Source>, decoder: Decoder, path: &Path) -> Result<B
 
 fn unknown(path: &Path) -> Error {
     Error::file(Kind::Data, path, "not a video file of any known kind")
-        .allowed("MP4, MOV, AVI, WebM, GIF, APNG, WebP, Y4M, a folder of PNG or JPEG; more with ffmpeg on PATH")
+        .allowed("MP4, MOV, AVI, WebM, GIF, APNG, WebP, Y4M, NPY, a folder of PNG or JPEG; more with ffmpeg on PATH")
         .remedy("check that it is a video that plays")
 }
 
