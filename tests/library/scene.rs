@@ -73,7 +73,9 @@ fn one_exemplar_has_two_keys_and_several_are_a_list() {
     picture(folder.path(), 100, 60);
     matte(folder.path(), 100, 60, 1.0);
     let write = |name: &str| std::fs::copy(folder.path().join("matte.png"), folder.path().join(name)).unwrap();
-    ["a.png", "b.png", "map.png"].iter().for_each(|name| write(name));
+    for name in ["a.png", "b.png", "map.png"] {
+        write(name);
+    }
     let scene = |text: &str| scene(folder.path(), &format!("picture = 'falls.png'\n{text}"));
     let elsewhere = folder.path().join("out");
     std::fs::create_dir(&elsewhere).unwrap();
