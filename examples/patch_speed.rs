@@ -18,7 +18,7 @@ use enliven::patch::data::channels::{Channel, Layout, Role, Stack};
 use enliven::patch::data::field::Nnf;
 use enliven::patch::data::patches::Patches;
 use enliven::patch::data::segments::{Thresholds, labels};
-use enliven::patch::engine::{Engine, Frame, Image, Settings, Target};
+use enliven::patch::engine::{Engine, Frame, Image, Settings, Source, Target};
 use enliven::patch::patch_match::{Search, Sweep};
 use enliven::raster::filter::gaussian;
 use enliven::raster::image::Plane;
@@ -191,6 +191,7 @@ fn lazyfluids(name: &str, exemplar: &[Plane; 4], alone: bool) -> Result<()> {
     let images = [image(&exemplar[..], &exemplar[3], &exemplar[..])];
     let source = on(2, || engine.source(&images))??;
     println!("\n{name}");
+    let before = resident();
     let mut last: Option<(Target, Frame)> = None;
     let mut seconds = [0.0; 2];
     for number in 0..FRAMES {
@@ -213,8 +214,25 @@ fn lazyfluids(name: &str, exemplar: &[Plane; 4], alone: bool) -> Result<()> {
     if alone {
         println!("  two threads are {:.2} times as fast as one", seconds[0] / seconds[1]);
     }
+    if let (Some(before), Some(most)) = (before, resident()) {
+        let (targets, sources) = (side * side, exemplar[0].data.len());
+        let estimate = engine.frame_bytes(targets, sources) + Source::bytes(sources, engine.layout().channels().len());
+        let mega = |bytes: usize| bytes as f64 / 1e6;
+        println!(
+            "  the most memory rose by {:.0} MB while frames were made, of which the engine's estimate is {:.0} MB",
+            mega(most.saturating_sub(before)),
+            mega(estimate)
+        );
+    }
     let (target, frame) = last.context("no frame")?;
     longer(&engine, settings, &images, &target, &frame)
+}
+
+/// The most memory that the process had, bytes, where the system tells.
+fn resident() -> Option<usize> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find(|line| line.starts_with("VmHWM:"))?;
+    Some(line.split_whitespace().nth(1)?.parse::<usize>().ok()? * 1024)
 }
 
 /// What the frame after `last` is made from.

@@ -125,6 +125,11 @@ impl Exemplar {
         self.contents.iter().map(|content| content.at(t)).collect()
     }
 
+    /// Pixels of a frame of every exemplar, together.
+    pub fn pixels(&self) -> usize {
+        self.all_at(0).iter().map(|frame| frame.size().0 * frame.size().1).sum()
+    }
+
     /// Memory that the frames of clips take, bytes.
     pub fn clip_bytes(&self) -> u64 {
         let bytes = |content: &Content| match content {

@@ -44,6 +44,19 @@ pub struct Recipe {
     pub carries_field: bool,
 }
 
+impl Recipe {
+    /// Bytes that the engine takes for a target of so many pixels, and for exemplars of so many together.
+    ///
+    /// # Errors
+    /// Channels that are no layout.
+    pub fn bytes(&self, target: usize, exemplars: usize) -> Result<u64> {
+        let layout = self.channels.layout(self.radius)?;
+        let (channels, source) = (layout.channels().len(), exemplars * if self.turned { 4 } else { 1 });
+        let engine = Engine::new(layout, self.settings.clone());
+        Ok((Source::bytes(source, channels) + engine.frame_bytes(target, source)) as u64)
+    }
+}
+
 /// What a frame leaves for the next.
 #[derive(Debug, Clone)]
 pub struct State {

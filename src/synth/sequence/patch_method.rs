@@ -81,7 +81,8 @@ fn animate(run: &Run, recipe: &Recipe, showing: &Showing, sink: &mut dyn Sink) -
     let frames = target.frames();
     let fade = if target.loops() { showing.fade.min(frames / 2) } else { 0 };
     let (width, height) = target.size();
-    memory::room(scene, exemplar.clip_bytes() + (fade * width * height * LEAD_BYTES) as u64)?;
+    let engine = recipe.bytes(width * height, exemplar.pixels())?;
+    memory::room(scene, engine + exemplar.clip_bytes() + (fade * width * height * LEAD_BYTES) as u64)?;
     let (output, wanted) = (scene.settings().output, scene.wanted_frames());
     let overlay = overlay(run)?;
     let once = Once::new(observer);
