@@ -457,7 +457,10 @@ mod tests {
         tree.keep("inner/a");
         tree.write("b", b"3").unwrap();
         tree.commit().unwrap();
-        assert_eq!(["inner/a", "b"].map(|name| fs::read(target.join(name)).unwrap()), [b"mine".to_vec(), b"3".to_vec()]);
+        assert_eq!(
+            ["inner/a", "b"].map(|name| fs::read(target.join(name)).unwrap()),
+            [b"mine".to_vec(), b"3".to_vec()]
+        );
         fs::write(target.join("inner/mine"), "").unwrap();
         let error = AtomicFolder::create(&target, ours).unwrap_err();
         assert!(error.to_string().contains("holds inner/mine"), "{error}");

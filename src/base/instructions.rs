@@ -133,7 +133,8 @@ pub fn version() -> &'static str {
     static TEXT: OnceLock<String> = OnceLock::new();
     TEXT.get_or_init(|| {
         let used = InstructionSet::chosen();
-        let others: Vec<&str> = InstructionSet::available().filter(|&set| set != used).map(InstructionSet::name).collect();
+        let others: Vec<&str> =
+            InstructionSet::available().filter(|&set| set != used).map(InstructionSet::name).collect();
         let also = if others.is_empty() { String::new() } else { format!("; also: {}", others.join(", ")) };
         format!("{} (instructions: {}{also})", env!("CARGO_PKG_VERSION"), used.name())
     })

@@ -130,7 +130,9 @@ impl Inputs {
     /// When it is one of them; `remedy` says what to do.
     pub fn refuse(&self, written: &Path, remedy: &str) -> Result<()> {
         match self.holding(written).or_else(|| self.within(written)) {
-            Some(input) => Err(Error::file(Kind::Usage, input, "is read for this and would be written over").remedy(remedy)),
+            Some(input) => {
+                Err(Error::file(Kind::Usage, input, "is read for this and would be written over").remedy(remedy))
+            }
             None => Ok(()),
         }
     }

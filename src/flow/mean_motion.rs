@@ -34,10 +34,8 @@ impl MeanMotion {
     ) -> Result<Self> {
         let pairs = (count - 1).min(PAIRS);
         let first = frame(0);
-        let mut sum = Self {
-            mean: Field::zeros(first.width, first.height),
-            activity: Plane::zeros(first.width, first.height),
-        };
+        let mut sum =
+            Self { mean: Field::zeros(first.width, first.height), activity: Plane::zeros(first.width, first.height) };
         for begin in (0..pairs).step_by(TOGETHER) {
             observe::check(observer)?;
             let flow = |k: usize| {

@@ -67,7 +67,8 @@ pub(super) fn gathered_below<P: Copy>(
     let row = layout.row();
     buffer.resize(layout.side() * row, 0);
     gather(to, Place(candidate.centre), matrix, (layout.radius(), row), buffer);
-    let patch = Patch { from: from.bytes, from_stride: from.stride, to: buffer, to_stride: row, corner: 0, channels: 0 };
+    let patch =
+        Patch { from: from.bytes, from_stride: from.stride, to: buffer, to_stride: row, corner: 0, channels: 0 };
     let nearest = Kernels::of_layout(layout).nearest;
     nearest(&patch, &[Candidate { centre: 0, ..candidate }], layout, limit).map(|found| found.1)
 }

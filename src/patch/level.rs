@@ -180,7 +180,8 @@ pub(super) struct Levels {
 impl Levels {
     /// `count` levels.
     pub fn new<P: Pose>(target: &Target<P>, count: usize) -> Self {
-        let layers = target.prepared.as_ref().map_or_else(|| target.image.pyramid(count), |layers| layers[..count].to_vec());
+        let layers =
+            target.prepared.as_ref().map_or_else(|| target.image.pyramid(count), |layers| layers[..count].to_vec());
         Self {
             layers,
             modulation: target.modulation.as_ref().map(|m| modulation_pyramid(m, count)),

@@ -114,8 +114,7 @@ impl<P: Pose, S: Sites> Search<'_, P, S> {
         let place = Place(centre);
         poses.clear();
         terms.poses(self.pass, from, place, led, poses);
-        let candidate =
-            |&pose: &P| Candidate { centre, base: terms.cost(self.pass, from, place, pose), step, pose };
+        let candidate = |&pose: &P| Candidate { centre, base: terms.cost(self.pass, from, place, pose), step, pose };
         out.extend(poses.iter().map(candidate));
     }
 

@@ -202,9 +202,8 @@ impl Header {
         }
         let fault = if found < wanted { "is truncated" } else { "is longer than its shape" };
         let [frames, height, width, channels] = self.shape;
-        let problem = format!(
-            "{fault}: {frames} × {height} × {width} × {channels} elements need {wanted} bytes, it has {found}"
-        );
+        let problem =
+            format!("{fault}: {frames} × {height} × {width} × {channels} elements need {wanted} bytes, it has {found}");
         Err(Error::file(Kind::Data, path, problem).remedy("write it again"))
     }
 }

@@ -43,9 +43,8 @@ impl BandGains {
                 (factor, (factor * made / wanted).min(1.0).powi(2))
             };
             let both: Vec<(f32, f32)> = (0..made.data.len()).map(both).collect();
-            let plane = |of: fn(&(f32, f32)) -> f32| {
-                Plane::from_vec(made.width, made.height, both.iter().map(of).collect())
-            };
+            let plane =
+                |of: fn(&(f32, f32)) -> f32| Plane::from_vec(made.width, made.height, both.iter().map(of).collect());
             (plane(|b| b.0), resize(&plane(|b| b.1), width, height))
         });
         let (factors, shares): (Vec<Plane>, Vec<Plane>) = bands.into_iter().unzip();

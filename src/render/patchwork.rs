@@ -1,10 +1,10 @@
 //! Squares of one clip, turned, as one plane over the picture.
 
-use super::sample::cubic;
 use crate::assign::nodes::{NodeGrid, STRIDE};
 use crate::assign::turned::Turned;
 use crate::base::par;
 use crate::library::variant::PIECE;
+use crate::raster::catmull_rom;
 use crate::raster::image::Plane;
 
 /// Displacement at which two pieces of footage are no longer the same, pixels: their fine detail is unlike then.
@@ -35,9 +35,8 @@ impl<'a> Patchwork<'a> {
     /// Residuals of a frame, of which `planes` holds one for every phase: unlike footage is mixed without loss of
     /// contrast. 0 where no square lies.
     pub fn residual(&self, planes: &[Plane]) -> Plane {
-        let mut out = self.each_pixel(|x, y, over| {
-            over.iter().map(|(w, f)| w * self.read(&planes[f.phase], f, x, y)).sum::<f32>()
-        });
+        let mut out = self
+            .each_pixel(|x, y, over| over.iter().map(|(w, f)| w * self.read(&planes[f.phase], f, x, y)).sum::<f32>());
         out.data.iter_mut().zip(&self.gain.data).for_each(|(v, g)| *v *= g);
         out
     }
@@ -55,15 +54,13 @@ impl<'a> Patchwork<'a> {
 
     fn read(&self, plane: &Plane, footage: &Turned, x: usize, y: usize) -> f32 {
         let (sx, sy) = footage.place(x as f32 + 0.5, y as f32 + 0.5);
-        cubic(plane, sx, sy)
+        catmull_rom::sample(plane, sx, sy)
     }
 
     /// One over the contrast that the weighted sum has where every piece has contrast 1.
     fn contrast(&self, x: usize, y: usize, over: &[(f32, &Turned)]) -> f32 {
         let place = (x as f32 + 0.5, y as f32 + 0.5);
-        let of = |a: &(f32, &Turned)| {
-            over.iter().map(|b| a.0 * b.0 * a.1.alike(b.1, place, STRANGERS)).sum::<f32>()
-        };
+        let of = |a: &(f32, &Turned)| over.iter().map(|b| a.0 * b.0 * a.1.alike(b.1, place, STRANGERS)).sum::<f32>();
         let variance = over.iter().map(of).sum::<f32>();
         if variance > 0.0 { 1.0 / variance.sqrt() } else { 0.0 }
     }
@@ -120,7 +117,12 @@ mod tests {
     #[test]
     fn footage_that_goes_on_from_square_to_square_is_copied() {
         let (grid, plane) = (grid(), noise(1));
-        let copy = footage(&grid, |_, centre| Turned { centre, source: (centre.0 + 30.0, centre.1 + 40.0), turn: 0.0, phase: 0 });
+        let copy = footage(&grid, |_, centre| Turned {
+            centre,
+            source: (centre.0 + 30.0, centre.1 + 40.0),
+            turn: 0.0,
+            phase: 0,
+        });
         let work = Patchwork::new(SIZE, &grid, &copy);
         let (out, quantity) = (work.residual(&[plane.clone()]), work.quantity(&plane));
         for (x, y) in [(0, 0), (60, 50), (119, 95), (24, 71)] {
@@ -149,9 +151,8 @@ mod tests {
             let place = |k: u64| 60.0 + 120.0 * unit(hash(i as u64, &[k]));
             (place(1), place(2), 6.0 * unit(hash(i as u64, &[3])))
         };
-        let strangers = footage(&grid, |i, centre| {
-            Turned { centre, source: (any(i).0, any(i).1), turn: any(i).2, phase: i % 2 }
-        });
+        let strangers =
+            footage(&grid, |i, centre| Turned { centre, source: (any(i).0, any(i).1), turn: any(i).2, phase: i % 2 });
         let out = Patchwork::new(SIZE, &grid, &strangers).residual(&planes);
         let deviation = |p: &Plane| (p.data.iter().map(|v| v * v).sum::<f32>() / p.data.len() as f32).sqrt();
         let ratio = deviation(&out) / deviation(&planes[0]);

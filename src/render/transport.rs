@@ -1,9 +1,9 @@
 //! A plane carried one frame along a flow that does not change.
 
 use super::mirror::Mirror;
-use super::sample::cubic;
 use crate::base::par;
 use crate::flow::field::Field;
+use crate::raster::catmull_rom;
 use crate::raster::image::Plane;
 
 /// Where what is seen at each pixel was a frame before.
@@ -33,7 +33,7 @@ impl Transport {
         let mut out = Plane::zeros(plane.width, plane.height);
         par::for_each_chunk(&mut out.data, self.width.max(1), |y, row| {
             let places = &self.places[y * self.width..][..row.len()];
-            row.iter_mut().zip(places).for_each(|(v, &(x, y))| *v = cubic(plane, x, y));
+            row.iter_mut().zip(places).for_each(|(v, &(x, y))| *v = catmull_rom::sample(plane, x, y));
         });
         out
     }

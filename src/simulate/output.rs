@@ -143,8 +143,12 @@ fn refuse_stranger(output: &Path) -> Result<()> {
     if summary.is_some_and(|summary| summary.get("mass_drift").is_some()) {
         return Ok(());
     }
-    Err(Error::file(Kind::Usage, output, format!("holds {name}, which enliven simulate did not write: no {SUMMARY} says so"))
-        .remedy("write to another folder"))
+    Err(Error::file(
+        Kind::Usage,
+        output,
+        format!("holds {name}, which enliven simulate did not write: no {SUMMARY} says so"),
+    )
+    .remedy("write to another folder"))
 }
 
 struct Writer<'s> {

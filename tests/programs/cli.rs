@@ -580,7 +580,8 @@ fn nothing_that_a_person_made_is_written_over() {
     let at = |name: &str| folder.path().join(name);
     let animate = |line: &str| stderr(&succeed(folder.path(), &format!("enliven animate {line}")));
     let wrong = |line: &str, parts: &[&str]| refuse(folder.path(), &format!("enliven animate {line}"), USAGE, parts);
-    let mine = "# by hand\npicture = 'picture.png'\nmethod = 'advect'\n[motion]\ndirection = 90\n[output]\nframes = 6\n";
+    let mine =
+        "# by hand\npicture = 'picture.png'\nmethod = 'advect'\n[motion]\ndirection = 90\n[output]\nframes = 6\n";
     let person = [("x.scene.toml", mine), ("x.summary.json", "{}"), ("x.preview.png", "a picture")];
     person.iter().for_each(|(name, text)| fs::write(at(name), text).unwrap());
     let unchanged = || person.iter().for_each(|(name, text)| assert_eq!(fs::read_to_string(at(name)).unwrap(), *text));
@@ -592,7 +593,8 @@ fn nothing_that_a_person_made_is_written_over() {
         unchanged();
     }
     assert!(at("x.run.preview.png").exists() && !at("x.run2.scene.toml").exists());
-    let measured: Value = serde_json::from_slice(&succeed(folder.path(), "enliven measure x.gif --json").stdout).unwrap();
+    let measured: Value =
+        serde_json::from_slice(&succeed(folder.path(), "enliven measure x.gif --json").stdout).unwrap();
     assert_eq!(measured["loops"], true);
 
     // What it wrote itself is an input when it is run, and a person's file when it was changed.
@@ -607,7 +609,10 @@ fn nothing_that_a_person_made_is_written_over() {
     // Videos and frames without a record, and frames that are read.
     let advect = "--direction 90 --method advect --frames 6";
     fs::write(at("filmed.mp4"), "a film").unwrap();
-    wrong(&format!("picture.png {advect} -o filmed.mp4"), &["filmed.mp4: is there already, and no filmed.summary.json"]);
+    wrong(
+        &format!("picture.png {advect} -o filmed.mp4"),
+        &["filmed.mp4: is there already, and no filmed.summary.json"],
+    );
     animate(&format!("picture.png {advect} -o frames"));
     animate(&format!("picture.png {advect} -o frames"));
     wrong(&format!("frames/00001.png {advect} -o frames"), &["frames/00001.png: is read for this", "-o"]);
@@ -621,7 +626,10 @@ fn nothing_that_a_person_made_is_written_over() {
     animate(&format!("picture.png {advect} -o y.gif --report page"));
     animate(&format!("picture.png {advect} -o y.gif --report page"));
     write_png(&at("page/motion.png"), &read_picture(&at("picture.png")).unwrap().rgb).unwrap();
-    wrong(&format!("picture.png {advect} -o y.gif --report page"), &["page/motion.png", "changed since", "move it away"]);
+    wrong(
+        &format!("picture.png {advect} -o y.gif --report page"),
+        &["page/motion.png", "changed since", "move it away"],
+    );
 }
 
 #[cfg(unix)]

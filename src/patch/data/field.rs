@@ -48,8 +48,9 @@ impl<P: Pose> Nnf<P> {
     pub(in crate::patch) fn from_fn(target: &Patches, mut choose: impl FnMut(usize, u8) -> Option<(Place, P)>) -> Self {
         let cell = |(i, &label): (usize, &u8)| match label {
             NO_PATCH => Cell::none(),
-            segment => choose(i, segment)
-                .map_or(Cell::none(), |(place, pose)| Cell { place, distance: u32::MAX, pose }),
+            segment => {
+                choose(i, segment).map_or(Cell::none(), |(place, pose)| Cell { place, distance: u32::MAX, pose })
+            }
         };
         Self { width: target.stack.width, cells: target.labels().iter().enumerate().map(cell).collect() }
     }
@@ -109,12 +110,7 @@ impl<P: Pose> Nnf<P> {
 
     /// The field with every place moved by so many frames, as `frames(pixel, cell)` says; what leaves the clip loses its
     /// place. `target` says which patches are centred where.
-    pub fn shifted(
-        &self,
-        source: &Patches,
-        target: &Patches,
-        frames: impl Fn(usize, Cell<P>) -> isize,
-    ) -> Self {
+    pub fn shifted(&self, source: &Patches, target: &Patches, frames: impl Fn(usize, Cell<P>) -> isize) -> Self {
         let cell = |(i, &cell): (usize, &Cell<P>)| {
             let segment = target.labels()[i];
             if cell.place == Place::NONE || segment == NO_PATCH {

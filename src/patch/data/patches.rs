@@ -311,7 +311,8 @@ impl Iterator for Windows {
     fn next(&mut self) -> Option<isize> {
         while self.reach > 0 || self.span > 0 {
             self.chance = rng::mix(self.chance);
-            let shift = |bits: u64, reach: u64| (((bits & 0xffff_ffff) * (2 * reach + 1)) >> 32) as isize - reach as isize;
+            let shift =
+                |bits: u64, reach: u64| (((bits & 0xffff_ffff) * (2 * reach + 1)) >> 32) as isize - reach as isize;
             let (dx, dy) = (shift(self.chance, self.reach), shift(self.chance >> 32, self.reach));
             let frames = if self.span > 0 { shift(rng::mix(self.chance ^ self.span), self.span) } else { 0 };
             (self.reach, self.span) = (self.reach / 2, self.span / 2);

@@ -1,15 +1,15 @@
 //! What patches wish for, and chains of wishes that come true together; see [`super::exchange`].
 
+use super::exchange::{Asked, NOBODY};
+use super::usage::Usage;
+use crate::base::rng;
+use crate::patch::data::field::{Cell, Nnf};
 use crate::patch::data::patches::{Place, Windows};
 use crate::patch::data::pose::Upright;
-use crate::patch::distance::Candidate;
-use super::exchange::{Asked, NOBODY};
-use crate::patch::level::Level;
-use crate::patch::data::field::{Cell, Nnf};
-use crate::patch::patch_match::{Search, Sweep};
-use super::usage::Usage;
 use crate::patch::data::sites::Sites;
-use crate::base::rng;
+use crate::patch::distance::Candidate;
+use crate::patch::level::Level;
+use crate::patch::patch_match::{Search, Sweep};
 
 /// Most wishes of a chain.
 pub(super) const LONGEST: usize = 3;

@@ -57,7 +57,10 @@ impl Similar {
         let search: Search = Search { apart: level.layout.side(), ..Search::plain(level.layout, patches, patches) };
         let apart = |i: usize, segment: u8| {
             let chance = |n| patches.any(segment, rng::hash(level.seed, &[i as u64, n]));
-            (0..TRIES).filter_map(chance).find(|&place| search.is_apart(i, place as usize)).map(|place| (Place(place), Upright))
+            (0..TRIES)
+                .filter_map(chance)
+                .find(|&place| search.is_apart(i, place as usize))
+                .map(|place| (Place(place), Upright))
         };
         let mut nnf = Nnf::from_fn(patches, apart);
         search.evaluate(&mut nnf);

@@ -10,14 +10,14 @@
 //! their chains at the same time, on any number of threads; then the chains are carried out one after the other, the best
 //! first, and the next batch sees it. So a good place spreads from row to row within one sweep.
 
-use crate::patch::data::patches::Place;
 use super::chains::{Chain, LONGEST, State};
-use crate::patch::level::Level;
-use crate::patch::data::field::{Cell, Nnf};
-use crate::patch::patch_match::Sweep;
-use crate::patch::data::segments::NO_PATCH;
 use super::usage::{BoundsOf, Usage};
 use crate::base::{par, rng};
+use crate::patch::data::field::{Cell, Nnf};
+use crate::patch::data::patches::Place;
+use crate::patch::data::segments::NO_PATCH;
+use crate::patch::level::Level;
+use crate::patch::patch_match::Sweep;
 
 /// Pixels of a row that one thread goes through at a time.
 const RUN: usize = 256;

@@ -4,10 +4,10 @@
 //! other, and so on: a k-d tree over two sets at once. However far apart the last ones are, it takes the same time, while
 //! searches from place to patch (LazyFluids §4.1) need ever more rounds for ever fewer.
 
-use crate::patch::data::patches::Place;
-use crate::patch::data::channels::{Layout, MODULATION, Stack};
-use crate::patch::level::Level;
 use crate::base::par;
+use crate::patch::data::channels::{Layout, MODULATION, Stack};
+use crate::patch::data::patches::Place;
+use crate::patch::level::Level;
 
 /// Below this size both halves are done on one thread.
 const PARALLEL: usize = 4096;

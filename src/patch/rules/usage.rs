@@ -1,10 +1,10 @@
 //! How often source patches are used, and how often they may be (LazyFluids, Eq. 5).
 
-use crate::patch::data::patches::Place;
 use super::leftovers;
-use crate::patch::level::Level;
 use crate::patch::data::field::{Cell, Nnf};
+use crate::patch::data::patches::Place;
 use crate::patch::data::segments::SEGMENTS;
+use crate::patch::level::Level;
 
 /// How often every source patch of a segment is to be used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,11 +5,12 @@ use std::path::Path;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::par;
+use crate::base::text::megabytes;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::picture_io::{Picture, read_grey, read_picture};
 use crate::raster::premultiplied::Premultiplied;
+use crate::raster::resample;
 use crate::scene::file::LUMINANCE;
-use crate::synth::memory::megabytes;
 use crate::video::clip::{Pixels, RawFrame, Source};
 use crate::video::conform::scale::to_rgb8;
 use crate::video::conform::turned;
@@ -250,10 +251,8 @@ fn plane_of(bytes: &[u8], width: usize) -> Plane {
 
 /// With a long side of at most `long_side` pixels.
 pub fn shrunk(frame: Premultiplied, long_side: usize) -> Premultiplied {
-    let (width, height) = frame.size();
-    let ratio = long_side as f64 / width.max(height) as f64;
-    let of = |v: usize| ((v as f64 * ratio).round() as usize).max(1);
-    if ratio >= 1.0 { frame } else { frame.resized(of(width), of(height)) }
+    let (width, height) = resample::shrunk(frame.size(), long_side);
+    if (width, height) == frame.size() { frame } else { frame.resized(width, height) }
 }
 
 /// Footage on black: opaque where its brightest channel is bright. What the camera saw is colour times opacity already.

@@ -3,9 +3,9 @@
 use crate::base::error::{Error, Kind, Result};
 use crate::base::options::declare_options;
 use crate::patch::data::channels::Role;
+use crate::patch::data::segments::Thresholds;
 use crate::patch::engine::Settings;
 use crate::patch::rules::Rule;
-use crate::patch::data::segments::Thresholds;
 use crate::patch::vote::Manner;
 use crate::scene::scene::{Scene, Still};
 use crate::synth::exemplar::exemplar::Wanted;
@@ -67,6 +67,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     designed: true,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.checked()?.to_table()),
+    preview: |_| {},
     build: |table| Ok(Box::new(LazyFluids { options: Options::from_table(table)?.checked()? })),
 };
 
