@@ -11,7 +11,7 @@ use std::process::ExitCode;
 use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::Silent;
 use enliven::base::par;
-use enliven::cli::common::exit;
+use enliven::cli::common;
 use enliven::flow::field::Field;
 use enliven::flow::tv_l1::{Params, TvL1};
 use enliven::measure::footage::LONG_SIDE;
@@ -74,7 +74,7 @@ struct Measured {
 }
 
 fn main() -> ExitCode {
-    exit(run())
+    common::main(|| (), |()| run())
 }
 
 fn run() -> Result<()> {

@@ -109,7 +109,7 @@ fn pair(side: usize) -> (Layout, Patches, Patches) {
 /// side `reach` and ever half of that.
 fn searched(side: usize, sweeps: usize, reach: usize) -> (f64, f64, f64) {
     let (layout, from, to) = pair(side);
-    let search = Search::plain(&layout, &from, &to);
+    let search: Search = Search::plain(&layout, &from, &to);
     let mut nnf = Nnf::random(&from, &to, 1);
     search.evaluate(&mut nnf);
     let mut total = (0.0, 0.0);

@@ -323,10 +323,14 @@ impl<P: Pose, S: Sites> Band<'_, P, S> {
         out.clear();
         let segment = self.search.from.labels()[at];
         let chance = rng::mix(sweep.seed ^ rng::mix(at as u64));
-        let mut reach = P::REACH;
         for (n, place) in Windows::new(best.place, self.search.to, sweep.reach, chance).enumerate() {
-            let pose = best.pose.near(reach, rng::mix(chance ^ n as u64));
-            reach /= 2;
+            // Far places are tried in like poses too, and near ones in unlike poses.
+            let pose = if P::REACH > 0 {
+                let chance = rng::hash(chance, &[n as u64, 1]);
+                best.pose.near(P::REACH >> (chance % u64::from(P::REACH.ilog2() + 1)), chance)
+            } else {
+                best.pose
+            };
             if let Some(centre) = self.search.to.in_segment(place, segment)
                 && self.search.is_apart(at, centre as usize)
             {
@@ -338,12 +342,21 @@ impl<P: Pose, S: Sites> Band<'_, P, S> {
         }
     }
 
-    /// The best place itself in other poses.
+    /// The best place itself, and one beside it, in other poses.
     fn turned(&self, best: Cell<P>, at: usize, chance: u64, out: &mut Vec<Candidate<P>>, scratch: &mut Scratch<P>) {
+        let segment = self.search.from.labels()[at];
         let (mut reach, mut number) = (P::REACH, 0);
         while reach > 0 {
-            let pose = best.pose.near(reach, rng::hash(chance, &[number]));
-            self.search.push(at, best.place.0, pose, &mut scratch.poses, out);
+            let chance = rng::hash(chance, &[number]);
+            self.search.push(at, best.place.0, best.pose.near(reach, chance), &mut scratch.poses, out);
+            let step = |bits: u64| rng::below(rng::mix(chance ^ bits), 3) as isize - 1;
+            let offset = Offset { x: step(1), y: step(2), t: if self.search.to.frames() > 1 { step(3) } else { 0 } };
+            if let Some(beside) = self.search.to.moved(best.place, offset, segment)
+                && self.search.is_apart(at, beside.index())
+            {
+                let pose = best.pose.near(reach, rng::mix(chance));
+                self.search.push(at, beside.0, pose, &mut scratch.poses, out);
+            }
             (reach, number) = (reach / 2, number + 1);
         }
     }

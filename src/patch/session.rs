@@ -127,7 +127,7 @@ impl<'a, P: Pose> Session<'a, P> {
         let (source, mut patches) = levels.patches[n].take().expect("a level is entered once");
         patches.frames = target.frames.as_ref().map(|frames| coarser(frames, self.size(frame), n));
         let swapped = (!target.swapped.is_empty()).then(|| patches.stack.exchanged(&target.swapped));
-        let upright = P::UPRIGHT && patches.frames.is_none() && swapped.is_none();
+        let upright = P::UPRIGHT && patches.frames.is_none();
         let synthesised = engine.layout().synthesised();
         let levels = &self.frames[frame].levels;
         Level {

@@ -1,8 +1,15 @@
 //! What may be behind the fluid, made of the rest of the picture: image completion by patches, coarse to fine (Wexler,
-//! Shechtman & Irani 2007), with the nearest patches found by PatchMatch (Barnes et al. 2009).
+//! Shechtman & Irani 2007), with the nearest patches found by PatchMatch (Barnes et al. 2009), on the patch engine.
 
 use super::extrapolate::fill;
-use crate::base::{par, rng};
+use crate::base::error::Result;
+use crate::base::observe::Silent;
+use crate::patch::data::channels::{Channel, Layout, Role};
+use crate::patch::data::pose::Upright;
+use crate::patch::engine::{Engine, Image, Layer, Settings, Target};
+use crate::patch::rules::{Constraint, Plain};
+use crate::patch::session::Session;
+use crate::patch::vote::Manner;
 use crate::raster::image::{Color, Plane};
 use crate::raster::pyramid::reduce;
 
@@ -10,15 +17,11 @@ use crate::raster::pyramid::reduce;
 const RADIUS: usize = 3;
 /// The coarsest level's shorter side is not below this many pixels.
 const MIN_SIDE: usize = 24;
-/// Rounds of search and vote on the coarsest level, and on each finer one.
+/// Rounds of search and vote on the coarsest level, and on the finest.
 const ROUNDS: (usize, usize) = (12, 4);
-/// Steps of propagation and random search in a round.
-const SEARCHES: usize = 2;
-/// Farthest random search of a refined level, pixels.
-const NEAR: usize = 32;
-/// A patch whose distance is this many times the mean one has e⁻¹ of its vote.
-const DOUBT: f32 = 0.5;
-/// Salt of the random choices.
+/// The search in a round: farthest random places of a refined level in pixels.
+const SEARCH: Plain = Plain { sweeps: 2, near: Some(32) };
+/// Seed of the random choices.
 const SEED: u64 = 0x1a9a;
 
 /// The picture with `hole` (above 0 = not known) filled with what fits its surroundings. Nothing random but what the
@@ -29,96 +32,72 @@ pub fn inpaint(picture: &Color, hole: &Plane) -> Color {
     while let Some(coarser) = levels.last().and_then(Level::coarser) {
         levels.push(coarser);
     }
-    let mut matches: Option<Matches> = None;
-    for (depth, level) in levels.iter_mut().enumerate().rev() {
-        let first = matches.is_none();
-        let found = match matches.take() {
-            None => Matches::random(level, depth),
-            Some(coarse) => coarse.refined(level, depth),
-        };
-        if found.targets.is_empty() {
-            continue;
-        }
-        matches = Some(found);
-        if let Some(matches) = &mut matches {
-            if !first {
-                matches.vote(level);
-            }
-            for round in 0..if first { ROUNDS.0 } else { ROUNDS.1 } {
-                for search in 0..SEARCHES {
-                    let reach = if first { level.width.max(level.height) } else { NEAR };
-                    matches.search(level, reach, rng::hash(SEED, &[depth as u64, round as u64, search as u64]));
-                }
-                matches.vote(level);
-            }
-        }
+    let [red, green, blue] = levels[0].planes.clone();
+    // Without a patch to copy there is nothing but the continued colours.
+    let planes = completed(&levels).unwrap_or_else(|_| vec![red, green, blue]);
+    let mut planes = planes.into_iter();
+    Color::from_planes(std::array::from_fn(|c| planes.next().unwrap_or_else(|| levels[0].planes[c].clone())))
+}
+
+/// The finest level, completed by the engine.
+fn completed(levels: &[Level]) -> Result<Vec<Plane>> {
+    let channel = |name: &str| Channel::new(name, 1.0, Role::Synthesised);
+    let layout = Layout::new(RADIUS, ["red", "green", "blue"].map(channel).to_vec())?;
+    let settings =
+        Settings { iterations: ROUNDS, manner: Manner::Likely, tolerance: 0.0, seed: SEED, ..Settings::default() };
+    let engine = Engine::new(layout, settings);
+    let layers = |whole: bool| levels.iter().map(|level| level.layer(whole)).collect::<Vec<_>>();
+    let source = engine.prepared(&layers(true))?;
+    let image = Image { planes: levels[0].planes.to_vec(), blurred: None };
+    let target = [Target { prepared: Some(layers(false)), ..Target::new(image) }];
+    let rule = || -> Box<dyn Constraint<Upright>> { Box::new(SEARCH) };
+    let mut session = Session::begin(&engine, &source, &target, &rule, None, &Silent)?;
+    for level in (0..session.levels()).rev() {
+        session.enter(level, 0);
+        session.work(level, 0, &Silent)?;
     }
-    levels[0].color()
+    Ok(session.finish(0)?.planes)
 }
 
 /// The picture at one size.
 struct Level {
-    width: usize,
-    height: usize,
-    /// Packed colours; in the hole what is thought so far.
-    pixels: Vec<f32>,
+    /// Colours; in the hole those around, continued.
+    planes: [Plane; 3],
     known: Plane,
-    /// Centres of patches that are known throughout, in order.
-    sources: Vec<u32>,
-    /// Whether a pixel is such a centre.
+    /// Whether a pixel is the centre of a patch that is known throughout.
     whole: Vec<bool>,
 }
 
 impl Level {
     fn new(picture: &Color, known: &Plane) -> Self {
-        let (width, height) = (known.width, known.height);
         let filled = fill(&picture.planes.each_ref(), known);
-        let pixels = (0..width * height).flat_map(|i| filled.iter().map(move |p| p.data[i])).collect();
-        let whole = eroded(known);
-        let sources = (0..whole.len()).filter(|&i| whole[i]).map(|i| i as u32).collect();
-        Self { width, height, pixels, known: known.clone(), sources, whole }
+        let mut filled = filled.into_iter();
+        let planes = std::array::from_fn(|c| filled.next().unwrap_or_else(|| picture.planes[c].clone()));
+        Self { planes, known: known.clone(), whole: eroded(known) }
     }
 
     /// Half the size, unless that is too small or leaves no patch to copy.
     fn coarser(&self) -> Option<Self> {
-        if self.width.min(self.height) < 2 * MIN_SIDE {
+        if self.known.width.min(self.known.height) < 2 * MIN_SIDE {
             return None;
         }
         let total = reduce(&self.known);
-        let plane = |c: usize| {
-            let weighted = self.pixels.iter().skip(c).step_by(3).zip(&self.known.data).map(|(p, k)| p * k).collect();
-            let mut sum = reduce(&Plane::from_vec(self.width, self.height, weighted));
+        let plane = |plane: &Plane| {
+            let weighted = plane.data.iter().zip(&self.known.data).map(|(p, k)| p * k).collect();
+            let mut sum = reduce(&Plane::from_vec(plane.width, plane.height, weighted));
             sum.data.iter_mut().zip(&total.data).for_each(|(s, t)| *s /= t.max(1e-6));
             sum
         };
         let known = total.map(|t| if t > 0.5 { 1.0 } else { 0.0 });
-        let level = Self::new(&Color::from_planes([plane(0), plane(1), plane(2)]), &known);
-        (!level.sources.is_empty()).then_some(level)
+        let level = Self::new(&Color::from_planes(self.planes.each_ref().map(plane)), &known);
+        level.whole.contains(&true).then_some(level)
     }
 
-    fn color(&self) -> Color {
-        let plane = |c: usize| self.pixels.iter().skip(c).step_by(3).copied().collect();
-        Color::from_planes([0, 1, 2].map(|c| Plane::from_vec(self.width, self.height, plane(c))))
-    }
-
-    /// Sum of squared differences of two patches, given up once it is above `limit`.
-    fn distance(&self, a: usize, b: usize, limit: f32) -> f32 {
-        const ROW: usize = 3 * (2 * RADIUS + 1);
-        let start = |centre: usize, j: usize| 3 * (centre + j * self.width - RADIUS * self.width - RADIUS);
-        let mut sum = 0.0;
-        for j in 0..=2 * RADIUS {
-            let (a, b) = (&self.pixels[start(a, j)..][..ROW], &self.pixels[start(b, j)..][..ROW]);
-            sum += a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();
-            if sum > limit {
-                break;
-            }
-        }
-        sum
-    }
-
-    /// A patch to copy, by chance.
-    fn any_source(&self, chance: u64) -> usize {
-        self.sources[rng::below(chance, self.sources.len() as u64) as usize] as usize
+    /// As the engine takes it: patches to copy are known throughout, those to complete are not; what is known stays.
+    fn layer(&self, whole: bool) -> Layer {
+        let centres = self.whole.iter().map(|&w| w == whole).collect();
+        let fixed = self.known.data.iter().map(|&k| k > 0.0).collect();
+        Layer { centres: Some(centres), fixed: Some(fixed), ..Layer::new(self.planes.to_vec(), None) }
     }
 }
 
@@ -139,160 +118,10 @@ fn eroded(known: &Plane) -> Vec<bool> {
     (0..width * height).map(|i| column(i % width, i / width)).collect()
 }
 
-/// For every patch that touches the hole, the known patch most like it.
-struct Matches {
-    width: usize,
-    /// Centres of the patches that touch the hole, in order.
-    targets: Vec<u32>,
-    /// Per pixel: its number among the targets, or none.
-    numbers: Vec<u32>,
-    /// Per target: centre of its match and their distance.
-    found: Vec<(u32, f32)>,
-}
-
-/// No target.
-const NONE: u32 = u32::MAX;
-
-impl Matches {
-    fn new(level: &Level, mut choose: impl FnMut(usize) -> usize) -> Self {
-        let (width, height) = (level.width, level.height);
-        let inside = |i: &usize| {
-            let (x, y) = (i % width, i / width);
-            x >= RADIUS && x + RADIUS < width && y >= RADIUS && y + RADIUS < height
-        };
-        let centres = (0..width * height).filter(inside).filter(|&i| !level.whole[i]);
-        let targets: Vec<u32> = if level.sources.is_empty() { Vec::new() } else { centres.map(|i| i as u32).collect() };
-        let mut numbers = vec![NONE; width * height];
-        targets.iter().enumerate().for_each(|(n, &t)| numbers[t as usize] = n as u32);
-        let found = targets.iter().map(|&t| (choose(t as usize) as u32, f32::INFINITY)).collect();
-        Self { width, targets, numbers, found }
-    }
-
-    fn random(level: &Level, depth: usize) -> Self {
-        Self::new(level, |t| level.any_source(rng::hash(SEED, &[depth as u64, t as u64])))
-    }
-
-    /// The matches of the next finer level.
-    fn refined(&self, level: &Level, depth: usize) -> Self {
-        let rows = self.numbers.len() / self.width;
-        Self::new(level, |t| {
-            let (x, y) = (t % level.width, t / level.width);
-            let coarse = |v: usize, size: usize| (v / 2).clamp(RADIUS, size - 1 - RADIUS);
-            let (cx, cy) = (coarse(x, self.width), coarse(y, rows));
-            let source = match self.numbers[cy * self.width + cx] {
-                NONE => None,
-                n => {
-                    let (source, _) = self.found[n as usize];
-                    let (sx, sy) = (source as usize % self.width, source as usize / self.width);
-                    let (sx, sy) = (2 * sx + x - 2 * cx.min(x / 2), 2 * sy + y - 2 * cy.min(y / 2));
-                    (sx < level.width && sy < level.height && level.whole[sy * level.width + sx])
-                        .then_some(sy * level.width + sx)
-                }
-            };
-            source.unwrap_or_else(|| level.any_source(rng::hash(SEED, &[depth as u64, t as u64])))
-        })
-    }
-
-    /// Improves every match from those of its neighbours, as they were, and by chance within `reach` and less.
-    fn search(&mut self, level: &Level, reach: usize, seed: u64) {
-        let rows = self.targets.len().div_ceil(CHUNK);
-        let better = par::map(rows, |row| {
-            let range = row * CHUNK..((row + 1) * CHUNK).min(self.targets.len());
-            range.map(|n| self.improved(level, n, reach, seed)).collect::<Vec<_>>()
-        });
-        self.found = better.into_iter().flatten().collect();
-    }
-
-    fn improved(&self, level: &Level, n: usize, reach: usize, seed: u64) -> (u32, f32) {
-        let target = self.targets[n] as usize;
-        let mut best = self.found[n].0 as usize;
-        let mut least = level.distance(target, best, f32::INFINITY);
-        let mut offer = |source: usize, least: &mut f32| {
-            let distance = level.distance(target, source, *least);
-            if distance < *least {
-                (best, *least) = (source, distance);
-            }
-            best
-        };
-        for step in [1, 4].into_iter().flat_map(|k| [k as isize, -(k as isize)]) {
-            for offset in [step, step * self.width as isize] {
-                let Some(&number) = target.checked_add_signed(offset).and_then(|i| self.numbers.get(i)) else {
-                    continue;
-                };
-                if number != NONE {
-                    let source = (self.found[number as usize].0 as usize).checked_add_signed(-offset);
-                    if let Some(source) = source.filter(|&s| level.whole.get(s) == Some(&true)) {
-                        offer(source, &mut least);
-                    }
-                }
-            }
-        }
-        let (mut radius, mut k) = (reach, 0);
-        let mut centre = offer(self.found[n].0 as usize, &mut least);
-        while radius > 0 {
-            let chance = rng::hash(seed, &[target as u64, k]);
-            let shift = |bits: u64| rng::below(bits, 2 * radius as u64 + 1) as isize - radius as isize;
-            let (x, y) = (centre % self.width, centre / self.width);
-            let moved = x.checked_add_signed(shift(chance)).zip(y.checked_add_signed(shift(rng::hash(chance, &[1]))));
-            if let Some((x, y)) = moved.filter(|&(x, y)| x < level.width && y < level.height)
-                && level.whole[y * level.width + x]
-            {
-                centre = offer(y * level.width + x, &mut least);
-            }
-            (radius, k) = (radius / 2, k + 1);
-        }
-        (best as u32, least)
-    }
-
-    /// Gives every pixel of the hole the mean of what the patches over it have there, the better their match the more.
-    fn vote(&self, level: &mut Level) {
-        let finite = self.found.iter().map(|f| f.1).filter(|d| d.is_finite());
-        let mean = (finite.clone().sum::<f32>() / finite.count().max(1) as f32).max(1e-6);
-        let weights: Vec<f32> = self
-            .found
-            .iter()
-            .map(|f| if f.1.is_finite() { (-f.1 / (DOUBT * mean)).exp() + 1e-6 } else { 1.0 })
-            .collect();
-        let (width, pixels) = (level.width, &level.pixels);
-        let rows = par::map(level.height, |y| {
-            let holes = (0..width).filter(|&x| level.known.at(x, y) == 0.0);
-            holes.map(|x| (x, self.pixel(pixels, (x, y), &weights))).collect::<Vec<_>>()
-        });
-        for (y, row) in rows.into_iter().enumerate() {
-            for (x, colour) in row {
-                if let Some(colour) = colour {
-                    level.pixels[3 * (y * width + x)..][..3].copy_from_slice(&colour);
-                }
-            }
-        }
-    }
-
-    fn pixel(&self, pixels: &[f32], (x, y): (usize, usize), weights: &[f32]) -> Option<[f32; 3]> {
-        let mut sum = [0.0; 3];
-        let mut total = 0.0;
-        let rows = self.numbers.len() / self.width;
-        for cy in y.saturating_sub(RADIUS)..(y + RADIUS + 1).min(rows) {
-            for cx in x.saturating_sub(RADIUS)..(x + RADIUS + 1).min(self.width) {
-                let number = self.numbers[cy * self.width + cx];
-                if number != NONE {
-                    let source = self.found[number as usize].0 as usize;
-                    let from = source + y * self.width + x - (cy * self.width + cx);
-                    let weight = weights[number as usize];
-                    sum.iter_mut().zip(&pixels[3 * from..][..3]).for_each(|(s, p)| *s += weight * p);
-                    total += weight;
-                }
-            }
-        }
-        (total > 0.0).then(|| sum.map(|s| s / total))
-    }
-}
-
-/// Targets that one thread improves at a time.
-const CHUNK: usize = 1024;
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::base::{par, rng};
 
     fn hole(width: usize, height: usize) -> Plane {
         Plane::from_fn(width, height, |x, y| {

@@ -10,6 +10,7 @@ mod keep;
 mod measure;
 mod pack;
 mod patch;
+mod patch_in_time;
 mod reading;
 mod render;
 mod scene;

@@ -9,3 +9,4 @@ mod common;
 mod compare;
 mod compare_blind;
 mod compare_page;
+mod instructions;

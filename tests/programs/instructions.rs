@@ -1,8 +1,5 @@
 //! Every instruction set that the machine has gives the same results, and can be asked for.
 
-#[allow(dead_code, reason = "the programs make their own options")]
-mod common;
-
 use std::fs;
 use std::path::Path;
 use std::process::Output;
@@ -10,6 +7,8 @@ use std::process::Output;
 use enliven::base::instructions::{InstructionSet, VARIABLE};
 use enliven::raster::image::Rgb8;
 use enliven::raster::picture_io::{read_picture, write_png};
+
+use crate::common;
 
 fn run(folder: &Path, program: &str, set: &str, line: &str) -> Output {
     let mut command = assert_cmd::Command::cargo_bin(program).unwrap();
