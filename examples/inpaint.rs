@@ -43,11 +43,6 @@ fn main() -> Result<()> {
         (least, wall) = (least.min(cpu() - before), wall.min(start.elapsed().as_secs_f64()));
         write_png(&arguments[2], &made.to_rgb8())?;
     }
-    println!(
-        "{} x {}, {:.0} % made up: {least:.2} s of CPU, {wall:.2} s",
-        size(width),
-        size(height),
-        100.0 * share
-    );
+    println!("{} x {}, {:.0} % made up: {least:.2} s of CPU, {wall:.2} s", size(width), size(height), 100.0 * share);
     Ok(())
 }

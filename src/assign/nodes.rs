@@ -119,7 +119,7 @@ impl NodeGrid {
 }
 
 /// Node positions needed to cover `length` pixels.
-fn positions(length: usize) -> usize {
+pub fn positions(length: usize) -> usize {
     length.saturating_sub(PIECE).div_ceil(STRIDE) + 1
 }
 

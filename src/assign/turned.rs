@@ -2,7 +2,8 @@
 //! Igarashi & Seidel 2009: residuals are transferred to places of like motion).
 //!
 //! One clip has few places, but any place may be turned to any angle. Squares that continue their neighbours' footage are
-//! preferred, so that waves larger than a square stay whole. Costs are minimised square by square in a fixed order
+//! preferred, so that waves larger than a square stay whole, and places that many squares show already are not: a splash
+//! stamped over square after square is seen as a grid. Costs are minimised square by square in a fixed order
 //! (Besag 1986, "iterated conditional modes"), from the best place of each and from what continues its neighbours.
 
 use super::nodes::NodeGrid;
@@ -24,6 +25,10 @@ const KEPT: usize = 24;
 const ROUNDS: usize = 10;
 /// Displacement at which footage no longer continues its neighbour's, pixels.
 const CONTINUES: f32 = 4.0;
+/// Side of the regions of the clip whose use is counted, pixels.
+const REGION: f32 = 24.0;
+/// Uses of a region that cost half of what the most would.
+const OFTEN: f32 = 2.0;
 /// Octaves of speed or texture that count as all the difference there can be.
 const OCTAVES: f32 = 3.0;
 /// Contrast that is noise, luma.
@@ -140,6 +145,8 @@ pub struct Weights {
     pub texture: f32,
     /// Footage that breaks off between neighbours.
     pub smooth: f32,
+    /// Places that are shown elsewhere as well.
+    pub repeat: f32,
 }
 
 /// What else a choice depends on.
@@ -261,12 +268,15 @@ impl Solver<'_> {
     fn solve(&self, own: &[Vec<Turned>]) -> Vec<Turned> {
         let neighbours = self.neighbours();
         let mut chosen: Vec<Option<Turned>> = vec![None; own.len()];
+        let mut uses = Uses::new(self.choice.clip);
         for round in 0..ROUNDS {
             let mut changed = false;
             for i in 0..own.len() {
                 let node = if round % 2 == 0 { i } else { own.len() - 1 - i };
                 let around: Vec<Turned> = neighbours[node].iter().filter_map(|&n| chosen[n]).collect();
-                let best = self.cheapest(node, &own[node], chosen[node], &around);
+                chosen[node].iter().for_each(|c| uses.add(c, -1));
+                let best = self.cheapest(node, &own[node], chosen[node], &around, &uses);
+                uses.add(&best, 1);
                 changed |= chosen[node] != Some(best);
                 chosen[node] = Some(best);
             }
@@ -277,11 +287,14 @@ impl Solver<'_> {
         chosen.into_iter().map(|c| c.expect("every node is gone over")).collect()
     }
 
-    fn cheapest(&self, node: usize, own: &[Turned], now: Option<Turned>, around: &[Turned]) -> Turned {
+    fn cheapest(&self, node: usize, own: &[Turned], now: Option<Turned>, around: &[Turned], uses: &Uses) -> Turned {
         let continued = around.iter().filter_map(|n| self.continued(node, n));
         // As it is now comes first: what is no cheaper changes nothing.
         let candidates = now.into_iter().chain(own.iter().copied()).chain(continued);
-        let cost = |c: &Turned| self.alone(node, c) + around.iter().map(|n| self.between(c, n)).sum::<f32>();
+        let cost = |c: &Turned| {
+            let repeat = self.weights.repeat * uses.share(c);
+            self.alone(node, c) + repeat + around.iter().map(|n| self.between(c, n)).sum::<f32>()
+        };
         candidates.map(|c| (cost(&c), c)).min_by(|a, b| a.0.total_cmp(&b.0)).expect("a node has places of its own").1
     }
 
@@ -292,6 +305,34 @@ impl Solver<'_> {
             out[edge.b as usize].push(edge.a as usize);
         }
         out
+    }
+}
+
+/// How many squares show each region of the clip.
+struct Uses {
+    columns: usize,
+    counts: Vec<i32>,
+}
+
+impl Uses {
+    fn new((width, height): (usize, usize)) -> Self {
+        let regions = |size: usize| (size as f32 / REGION) as usize + 1;
+        Self { columns: regions(width), counts: vec![0; regions(width) * regions(height)] }
+    }
+
+    fn region(&self, footage: &Turned) -> usize {
+        (footage.source.1 / REGION) as usize * self.columns + (footage.source.0 / REGION) as usize
+    }
+
+    fn add(&mut self, footage: &Turned, count: i32) {
+        let region = self.region(footage);
+        self.counts[region] += count;
+    }
+
+    /// From 0 for none to 1 for very many.
+    fn share(&self, footage: &Turned) -> f32 {
+        let count = self.counts[self.region(footage)] as f32;
+        count / (count + OFTEN)
     }
 }
 
@@ -318,7 +359,7 @@ mod tests {
 
     fn chosen(picture: &Features, smooth: f32) -> Vec<Turned> {
         let grid = NodeGrid::over(&Plane::filled(SIZE.0, SIZE.1, 1.0), 0.02).unwrap();
-        let weights = Weights { speed: 1.0, texture: 1.0, smooth };
+        let weights = Weights { speed: 1.0, texture: 1.0, smooth, repeat: 0.0 };
         choose(&grid, picture, &clip(), &weights, &Choice { clip: SIZE, phases: 3, seed: 1 }).unwrap()
     }
 
@@ -356,11 +397,25 @@ mod tests {
     }
 
     #[test]
+    fn places_are_not_shown_over_and_over() {
+        let grid = NodeGrid::over(&Plane::filled(SIZE.0, SIZE.1, 1.0), 0.02).unwrap();
+        let most = |repeat: f32| {
+            let weights = Weights { speed: 1.0, texture: 1.0, smooth: 0.0, repeat };
+            let choice = Choice { clip: SIZE, phases: 1, seed: 1 };
+            let footage = choose(&grid, &wanted(1.0, 0.5), &clip(), &weights, &choice).unwrap();
+            let mut uses = Uses::new(SIZE);
+            footage.iter().for_each(|f| uses.add(f, 1));
+            uses.counts.into_iter().max().unwrap()
+        };
+        assert!(most(0.0) > 20 && most(0.3) < 10, "{} {}", most(0.0), most(0.3));
+    }
+
+    #[test]
     fn a_clip_in_which_nothing_moves_has_nothing_to_give() {
         let zero = Plane::zeros(SIZE.0, SIZE.1);
         let still = Features::new([&zero, &zero], &zero, &vec![zero.clone(); BANDS], &zero.map(|_| 1.0));
         let grid = NodeGrid::over(&Plane::filled(SIZE.0, SIZE.1, 1.0), 0.02).unwrap();
-        let weights = Weights { speed: 1.0, texture: 1.0, smooth: 0.2 };
+        let weights = Weights { speed: 1.0, texture: 1.0, smooth: 0.2, repeat: 0.0 };
         let choice = Choice { clip: SIZE, phases: 1, seed: 1 };
         assert!(choose(&grid, &wanted(1.0, 0.0), &still, &weights, &choice).is_none());
     }

@@ -313,9 +313,9 @@ fn check_replaceable(target: &Path, ours: fn(&str) -> bool) -> Result<()> {
         Some(name) => Err(Error::file(
             Kind::Io,
             target,
-            format!("holds {name}, which is not a numbered frame, so it is not replaced"),
+            format!("holds {name}, which is not what is written there, so it is not replaced"),
         )
-        .allowed("a new or empty folder, or one with nothing but frames of an earlier run")
+        .allowed("a new or empty folder, or one with nothing but the files of an earlier run")
         .remedy("write to another folder")),
     }
 }

@@ -222,6 +222,19 @@ mod tests {
         assert!(version().starts_with(env!("CARGO_PKG_VERSION")) && version().contains("portable"));
     }
 
+    /// The tests of kernels against what they are defined to be, again with every set but the best.
+    #[test]
+    fn kernels_are_right_on_every_set() {
+        let tests =
+            ["base::matmul", "flow::tv_l1", "descriptor::", "patch::distance", "assign::dual_bound", "video::yuv"];
+        for set in InstructionSet::available().skip(1) {
+            let mut child = std::process::Command::new(std::env::current_exe().unwrap());
+            let done = child.env(VARIABLE, set.name()).args(tests).output().unwrap();
+            let said = String::from_utf8_lossy(&done.stdout);
+            assert!(done.status.success() && !said.contains("running 0 tests"), "{}: {said}", set.name());
+        }
+    }
+
     #[test]
     fn a_kernel_is_one_function() {
         assert_eq!(dot(&[1.0, 2.0, 3.0], &[4.0, 5.0, 6.0]), 32.0);

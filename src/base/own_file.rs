@@ -124,14 +124,15 @@ impl Inputs {
         self.0.iter().find(|input| input.real.starts_with(&real)).map(|input| &*input.named)
     }
 
-    /// Refuses to write a file that is an input; or a folder that is, holds, or lies in one.
+    /// Refuses to write a file that is an input of `this`, such as "video"; or a folder that is, holds, or lies in one.
     ///
     /// # Errors
     /// When it is one of them; `remedy` says what to do.
-    pub fn refuse(&self, written: &Path, remedy: &str) -> Result<()> {
+    pub fn refuse(&self, written: &Path, this: &str, remedy: &str) -> Result<()> {
         match self.holding(written).or_else(|| self.within(written)) {
             Some(input) => {
-                Err(Error::file(Kind::Usage, input, "is read for this and would be written over").remedy(remedy))
+                let problem = format!("is read for this {this} and would be written over");
+                Err(Error::file(Kind::Usage, input, problem).remedy(remedy))
             }
             None => Ok(()),
         }
@@ -217,10 +218,10 @@ mod tests {
         fs::hard_link(at("a.png"), at("twin")).unwrap();
         let inputs = Inputs::new([at("a.png"), at("frames"), at("missing")]);
         for name in ["a.png", "frames/../a.png", "link", "twin", "round/a.png", "frames", "frames/0.png", "frames/"] {
-            assert!(inputs.refuse(&at(name), "no").is_err(), "{name}");
+            assert!(inputs.refuse(&at(name), "run", "no").is_err(), "{name}");
         }
         for name in ["b.png", "c", "missing", "frames/1.png"] {
-            inputs.refuse(&at(name), "no").unwrap();
+            inputs.refuse(&at(name), "run", "no").unwrap();
         }
         assert!(inputs.within(&at("round")).is_some() && inputs.holding(folder.path()).is_none());
         let names = ["a.png", "b.png", "d.png"].map(at);

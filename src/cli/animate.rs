@@ -95,13 +95,16 @@ pub struct Animate {
     /// An option of a method; may be given more than once
     #[arg(long = "set", value_name = "METHOD.KEY=VALUE")]
     pub set: Vec<String>,
-    /// Video (.mp4, .webp, .apng, .gif, .y4m) or a name without extension for a folder of PNG frames; - is y4m on
+    /// Video (.mp4, .webp, .apng, .gif, .y4m, or .npy for NumPy) or a name without extension for a folder of PNG frames; - is y4m on
     /// standard output
     #[arg(short, long)]
     pub output: PathBuf,
     /// Folder for a page (index.html) with a contact sheet, which clip went where, the motion, and where time went
     #[arg(long, value_name = "DIR")]
     pub report: Option<PathBuf>,
+    /// Folder for NumPy arrays (.npy): the frames, the motion that was used and asked for, and which piece went where
+    #[arg(long, value_name = "DIR")]
+    pub arrays: Option<PathBuf>,
     /// Folder for pictures of the patch field, the usage counts and the channels on every level of every frame, for the
     /// methods that match patches
     #[arg(long, value_name = "DIR")]
@@ -235,6 +238,7 @@ impl Animate {
             scene: scene::files_of(&self.scene),
             output: &self.output,
             report: self.report.as_deref(),
+            arrays: self.arrays.as_deref(),
             preview: self.preview,
         };
         let record = match &self.debug {

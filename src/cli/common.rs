@@ -128,7 +128,7 @@ pub fn main<T>(parse: impl FnOnce() -> T, work: impl FnOnce(&T) -> Result<()>) -
 }
 
 /// Prints an error as one line and turns a result into the process's exit code.
-fn exit(result: Result<()>) -> ExitCode {
+pub fn exit(result: Result<()>) -> ExitCode {
     match result {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

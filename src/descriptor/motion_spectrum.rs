@@ -193,6 +193,9 @@ fn transform(re: &mut [Lane; WINDOW], im: &mut [Lane; WINDOW]) {
 
 #[cfg(test)]
 mod tests {
+    use rustfft::FftPlannerScalar;
+    use rustfft::num_complex::Complex;
+
     use super::*;
     use crate::base::rng;
 
@@ -211,6 +214,24 @@ mod tests {
 
     fn noise(t: usize, x: usize, y: usize, c: u64) -> f32 {
         rng::unit(rng::hash(c, &[t as u64, x as u64, y as u64])) - 0.5
+    }
+
+    #[test]
+    fn the_transform_is_rustffts() {
+        let value = |t: usize, l: usize, c: u64| noise(t, l, 7, c);
+        let mut re: [Lane; WINDOW] = std::array::from_fn(|t| std::array::from_fn(|l| value(t, l, 5)));
+        let mut im: [Lane; WINDOW] = std::array::from_fn(|t| std::array::from_fn(|l| value(t, l, 6)));
+        transform(&mut re, &mut im);
+        let fft = FftPlannerScalar::new().plan_fft_forward(WINDOW);
+        for l in 0..LANES {
+            let complex = |t| Complex::new(f64::from(value(t, l, 5)), f64::from(value(t, l, 6)));
+            let mut expected: [Complex<f64>; WINDOW] = std::array::from_fn(complex);
+            fft.process(&mut expected);
+            for (k, expected) in expected.iter().enumerate() {
+                let found = Complex::new(f64::from(re[reverse(k)][l]), f64::from(im[reverse(k)][l]));
+                assert!((found - expected).norm() < 2e-6, "{k}: {found} {expected}");
+            }
+        }
     }
 
     #[test]

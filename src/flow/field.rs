@@ -1,5 +1,7 @@
 //! Dense motion fields.
 
+use ndarray::Array3;
+
 use crate::raster::image::Plane;
 
 /// Motion in pixels per frame: what is at `x` in frame `t` is at `x + (u, v)` in frame `t + 1`; `u` right, `v` down.
@@ -31,5 +33,11 @@ impl Field {
     pub fn magnitude(&self) -> Plane {
         let data = self.u.data.iter().zip(&self.v.data).map(|(u, v)| (u * u + v * v).sqrt()).collect();
         Plane::from_vec(self.width(), self.height(), data)
+    }
+
+    /// As an array (y, x, component).
+    pub fn to_array(&self) -> Array3<f32> {
+        let [u, v] = [&self.u, &self.v];
+        Array3::from_shape_fn((self.height(), self.width(), 2), |(y, x, c)| [u, v][c].at(x, y))
     }
 }

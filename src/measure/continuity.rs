@@ -2,6 +2,7 @@
 
 use super::definition::{Better, Measure};
 use super::footage::Footage;
+use super::spectrum::powers;
 use crate::base::par;
 use crate::raster::image::Rgb8;
 use crate::raster::pyramid::laplacian;
@@ -148,26 +149,6 @@ pub(super) fn flicker_spectrum(footage: &Footage) -> Option<(f64, Vec<f64>)> {
     let count = footage.frames().len();
     let deviations = || powers(&brightness(footage), footage.loops()).into_iter().map(f64::sqrt).collect();
     (count >= 3).then(|| (f64::from(footage.fps()) / count as f64, deviations()))
-}
-
-/// Power of a series at 1, 2, … n / 2 waves in its length; their sum is its variance. A series that does not loop is
-/// tapered (Hann), or the jump from its end to its start would count.
-fn powers(series: &[f64], loops: bool) -> Vec<f64> {
-    use std::f64::consts::TAU;
-    let n = series.len();
-    let mean = series.iter().sum::<f64>() / n as f64;
-    let taper = |t: usize| if loops { 1.0 } else { 0.5 - 0.5 * (TAU * (t as f64 + 0.5) / n as f64).cos() };
-    let tapered: Vec<f64> = series.iter().enumerate().map(|(t, v)| (v - mean) * taper(t)).collect();
-    let weight = n as f64 * (0..n).map(|t| taper(t).powi(2)).sum::<f64>();
-    let power = |k: usize| {
-        let angle = |t: usize| TAU * ((k * t) % n) as f64 / n as f64;
-        let (re, im) = tapered.iter().enumerate().fold((0.0, 0.0), |(re, im), (t, v)| {
-            let (sin, cos) = angle(t).sin_cos();
-            (re + v * cos, im + v * sin)
-        });
-        (if 2 * k == n { 1.0 } else { 2.0 }) * (re * re + im * im) / weight
-    };
-    (1..=n / 2).map(power).collect()
 }
 
 /// The middle value, the upper one of two; 0 for none.

@@ -16,7 +16,7 @@ pub mod preference;
 pub mod read;
 mod sharpness;
 mod sliced;
-mod spectrum;
+pub mod spectrum;
 pub mod subject;
 pub mod worst;
 

@@ -1,6 +1,10 @@
 //! Power over time per frequency.
 
+use std::f64::consts::TAU;
 use std::sync::Arc;
+
+use rustfft::FftPlannerScalar;
+use rustfft::num_complex::Complex;
 
 use super::definition::{Better, Measure};
 use super::footage::Footage;
@@ -55,4 +59,50 @@ fn sampled(footage: &Footage, seed: u64) -> Option<Vec<Vec<f32>>> {
     }
     levels.iter_mut().for_each(|level| level.sort_unstable_by(f32::total_cmp));
     Some(levels)
+}
+
+/// Power of a series at 1, 2, … n / 2 waves in its length; their sum is its variance. A series that does not loop is
+/// tapered (Hann), or the jump from its end to its start would count.
+pub fn powers(series: &[f64], loops: bool) -> Vec<f64> {
+    let n = series.len();
+    let mean = series.iter().sum::<f64>() / n as f64;
+    let taper = |t: usize| if loops { 1.0 } else { 0.5 - 0.5 * (TAU * (t as f64 + 0.5) / n as f64).cos() };
+    let tapered = series.iter().enumerate().map(|(t, v)| Complex::new((v - mean) * taper(t), 0.0));
+    let mut waves: Vec<Complex<f64>> = tapered.collect();
+    FftPlannerScalar::new().plan_fft_forward(n).process(&mut waves);
+    let weight = n as f64 * (0..n).map(|t| taper(t).powi(2)).sum::<f64>();
+    let power = |k: usize| (if 2 * k == n { 1.0 } else { 2.0 }) * waves[k].norm_sqr() / weight;
+    (1..=n / 2).map(power).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The definition, term by term.
+    fn summed(series: &[f64]) -> Vec<f64> {
+        let n = series.len();
+        let power = |k: usize| {
+            let angle = |t: usize| TAU * ((k * t) % n) as f64 / n as f64;
+            let sum = |wave: fn(f64) -> f64| series.iter().enumerate().map(|(t, v)| v * wave(angle(t))).sum::<f64>();
+            let power = sum(f64::cos).powi(2) + sum(f64::sin).powi(2);
+            (if 2 * k == n { 1.0 } else { 2.0 }) * power / (n * n) as f64
+        };
+        (1..=n / 2).map(power).collect()
+    }
+
+    #[test]
+    fn powers_of_any_length_are_those_of_the_definition_and_sum_to_the_variance() {
+        // Powers of two, small factors, a prime and twice a prime.
+        for n in [3, 4, 25, 32, 120, 127, 254, 375] {
+            let series: Vec<f64> = (0..n).map(|t| f64::from(rng::unit(rng::hash(n, &[t])))).collect();
+            let powers = powers(&series, true);
+            for (power, expected) in powers.iter().zip(summed(&series)) {
+                assert!((power - expected).abs() < 1e-12, "{n}: {power} {expected}");
+            }
+            let mean = series.iter().sum::<f64>() / n as f64;
+            let variance = series.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n as f64;
+            assert!((powers.iter().sum::<f64>() - variance).abs() < 1e-12, "{n}");
+        }
+    }
 }

@@ -160,7 +160,7 @@ impl Carry<'_> {
 }
 
 /// The flow of the fluid, which outside of it is as it is beside.
-fn inside(flow: &Field, matte: &Plane) -> Field {
+pub fn inside(flow: &Field, matte: &Plane) -> Field {
     let most = matte.data.iter().fold(0.0f32, |most, m| most.max(*m));
     let known = matte.map(|m| if m >= 0.5 * most { 1.0 } else { 0.0 });
     let [u, v] = fill(&[&flow.u, &flow.v], &known).try_into().expect("two planes of two");

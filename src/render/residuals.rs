@@ -2,20 +2,24 @@
 //! image, in the frame that moves with the flow.
 //!
 //! With `D_t` the differences and `W` the transport by the mean flow, the residuals are `R_t = D_t − ρ W(D_{t−1})`. The
-//! memory ρ is ours: it is fitted, place by place, to how much of the differences is still there a frame later, so that
-//! residuals added up along a flow neither pile up nor die away.
+//! memory ρ is ours: it is fitted, place by place and band by band, to how much of the differences is still there a frame
+//! later, so that residuals added up along a flow neither pile up nor die away. Fine detail is forgotten soon and coarse
+//! detail late; with one ρ for all, fine detail would trail behind itself as noise.
 
+use super::layout::BANDS;
 use super::transport::Transport;
 use crate::base::error::Result;
 use crate::base::observe::{self, Observer};
 use crate::base::par;
 use crate::raster::filter::gaussian;
 use crate::raster::image::Plane;
+use crate::raster::pyramid::{collapse, laplacian};
+use crate::raster::resample::resize;
 
 /// Window over which memory is fitted, pixels (σ).
 const WINDOW: f32 = 20.0;
-/// Longest memory: half of a difference is forgotten within 23 frames.
-const LONGEST: f32 = 0.97;
+/// Longest memory: half of a difference is forgotten within 14 frames.
+const LONGEST: f32 = 0.95;
 /// Differences of less energy are noise, squared luma: there is no memory of them.
 const NOISE: f32 = 0.002 * 0.002;
 /// Frames that are taken apart together.
@@ -51,11 +55,43 @@ impl Packed {
     }
 }
 
+/// ρ: share of the differences that goes on with the flow to the next frame, per band, each at its size; what is coarser
+/// than all bands is forgotten.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Memory(Vec<Plane>);
+
+impl Memory {
+    /// What is left of differences that were carried along.
+    pub fn of(&self, carried: &Plane) -> Plane {
+        let (mut bands, _) = laplacian(carried, BANDS);
+        for (band, rho) in bands.iter_mut().zip(&self.0) {
+            band.data.iter_mut().zip(&rho.data).for_each(|(b, rho)| *b *= rho);
+        }
+        collapse(&bands, None)
+    }
+
+    /// The memory elsewhere: `place` takes each band's from the size of the differences to that of another plane.
+    pub fn placed(&self, place: impl Fn(&Plane) -> Plane) -> Self {
+        let (width, height) = (self.0[0].width, self.0[0].height);
+        let placed = |band: &Plane| place(&resize(band, width, height));
+        let bands: Vec<Plane> = self.0.iter().map(placed).collect();
+        let (empty, _) = laplacian(&Plane::zeros(bands[0].width, bands[0].height), BANDS);
+        Self(bands.iter().zip(&empty).map(|(b, size)| resize(b, size.width, size.height)).collect())
+    }
+
+    /// Frames after which nothing is left to be seen of a difference.
+    pub fn length(&self) -> usize {
+        const UNSEEN: f32 = 1.0 / 256.0;
+        let longest = self.0.iter().flat_map(|band| &band.data).fold(UNSEEN, |m, v| m.max(*v)).min(LONGEST);
+        (UNSEEN.ln() / longest.ln()).ceil() as usize
+    }
+}
+
 /// A loop of differences taken apart.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Residuals {
-    /// ρ: share of the differences that goes on with the flow to the next frame.
-    pub memory: Plane,
+    /// How long differences go on.
+    pub memory: Memory,
     /// R of every frame.
     frames: Vec<Packed>,
 }
@@ -80,8 +116,7 @@ impl Residuals {
             observe::check(observer)?;
             let residual = |k: usize| {
                 let (mut now, before) = pair(begin + k);
-                let carried = before.data.iter().zip(&memory.data);
-                now.data.iter_mut().zip(carried).for_each(|(d, (b, rho))| *d -= rho * b);
+                now.data.iter_mut().zip(&memory.of(&before).data).for_each(|(d, b)| *d -= b);
                 Packed::new(&now)
             };
             out.extend(par::map(TOGETHER.min(frames - begin), residual));
@@ -91,13 +126,8 @@ impl Residuals {
     }
 
     /// Number of frames.
-    pub fn len(&self) -> usize {
+    pub fn count(&self) -> usize {
         self.frames.len()
-    }
-
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.frames.is_empty()
     }
 
     /// The residual of frame `t`, which goes round.
@@ -106,34 +136,37 @@ impl Residuals {
     }
 }
 
-/// Slope of the differences over those of the frame before, carried along: the ρ that leaves least.
+/// Slopes of the differences over those of the frame before, carried along: the ρ that leave least.
 fn memory(
     frames: usize,
     pair: &(impl Fn(usize) -> (Plane, Plane) + Sync + Send),
     observer: &dyn Observer,
-) -> Result<Plane> {
-    let (first, _) = pair(0);
-    let mut sums = [Plane::zeros(first.width, first.height), Plane::zeros(first.width, first.height)];
+) -> Result<Memory> {
+    let bands = |plane: &Plane| laplacian(plane, BANDS).0;
+    let mut sums: [Vec<Plane>; 2] = std::array::from_fn(|_| bands(&pair(0).0).iter().map(|b| b.map(|_| 0.0)).collect());
     for begin in (0..frames).step_by(TOGETHER) {
         observe::check(observer)?;
-        for (now, before) in par::map(TOGETHER.min(frames - begin), |k| pair(begin + k)) {
-            for (i, (d, b)) in now.data.iter().zip(&before.data).enumerate() {
-                sums[0].data[i] += d * b;
-                sums[1].data[i] += b * b;
+        let pairs = par::map(TOGETHER.min(frames - begin), |k| {
+            let (now, before) = pair(begin + k);
+            (bands(&now), bands(&before))
+        });
+        for (now, before) in &pairs {
+            for (k, (now, before)) in now.iter().zip(before).enumerate() {
+                for (i, (d, b)) in now.data.iter().zip(&before.data).enumerate() {
+                    sums[0][k].data[i] += d * b;
+                    sums[1][k].data[i] += b * b;
+                }
             }
         }
     }
-    let [products, squares] = sums.map(|sum| gaussian(&sum, WINDOW));
-    let slope = |(p, s): (&f32, &f32)| (p / (s + NOISE * frames as f32)).clamp(0.0, LONGEST);
-    let data = products.data.iter().zip(&squares.data).map(slope).collect();
-    Ok(Plane::from_vec(first.width, first.height, data))
-}
-
-/// Frames after which nothing is left to be seen of a difference that goes on by `memory` from frame to frame.
-pub fn forgotten(memory: &Plane) -> usize {
-    const UNSEEN: f32 = 1.0 / 256.0;
-    let longest = memory.data.iter().fold(0.0f32, |m, v| m.max(*v)).min(LONGEST);
-    if longest < UNSEEN { 1 } else { (UNSEEN.ln() / longest.ln()).ceil() as usize }
+    let slope = |k: usize| {
+        let sigma = (WINDOW / (1 << k) as f32).max(1.5);
+        let [products, squares] = [0, 1].map(|i: usize| gaussian(&sums[i][k], sigma));
+        let slope = |(p, s): (&f32, &f32)| (p / (s + NOISE * frames as f32)).clamp(0.0, LONGEST);
+        let data = products.data.iter().zip(&squares.data).map(slope).collect();
+        Plane::from_vec(products.width, products.height, data)
+    };
+    Ok(Memory(par::map(BANDS, slope)))
 }
 
 #[cfg(test)]
@@ -142,6 +175,7 @@ mod tests {
     use crate::base::observe::Silent;
     use crate::base::rng::{hash, unit};
     use crate::flow::field::Field;
+    use crate::render::transport::Inflow;
 
     const SIZE: (usize, usize) = (64, 48);
     const FRAMES: usize = 40;
@@ -166,7 +200,7 @@ mod tests {
     fn taken_apart(rho: f32) -> (Vec<Plane>, Transport, Residuals) {
         let d = differences(rho);
         let flow = Field { u: Plane::zeros(SIZE.0, SIZE.1), v: Plane::filled(SIZE.0, SIZE.1, 1.0) };
-        let transport = Transport::along(&flow, None);
+        let transport = Transport::along(&flow, Inflow::Border);
         let residuals = Residuals::of(FRAMES, |t| d[t].clone(), &transport, "residuals", &Silent).unwrap();
         (d, transport, residuals)
     }
@@ -175,8 +209,10 @@ mod tests {
     fn memory_is_the_share_that_goes_on() {
         for rho in [0.3, 0.8] {
             let (_, _, residuals) = taken_apart(rho);
-            let found = residuals.memory.at(32, 24);
-            assert!((found - rho).abs() < 0.08, "{found} of {rho}");
+            for band in 0..3 {
+                let found = residuals.memory.0[band].at(32 >> band, 24 >> band);
+                assert!((found - rho).abs() < 0.12, "{found} of {rho} in band {band}");
+            }
         }
     }
 
@@ -184,11 +220,11 @@ mod tests {
     fn residuals_carried_along_the_flow_are_the_clip_again_and_close_the_loop() {
         let (d, transport, residuals) = taken_apart(0.8);
         let mut now = Plane::zeros(SIZE.0, SIZE.1);
-        let run_in = forgotten(&residuals.memory).next_multiple_of(FRAMES);
+        let run_in = residuals.memory.length().next_multiple_of(FRAMES);
         for t in 0..run_in + FRAMES {
             let (before, new) = (transport.apply(&now), residuals.at(t));
-            let sum = (0..new.data.len()).map(|i| residuals.memory.data[i] * before.data[i] + new.data[i]);
-            now = Plane::from_vec(SIZE.0, SIZE.1, sum.collect());
+            now = residuals.memory.of(&before);
+            now.data.iter_mut().zip(&new.data).for_each(|(d, r)| *d += r);
             if t >= run_in {
                 let worst = now.data.iter().zip(&d[t % FRAMES].data).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
                 assert!(worst < 5e-3, "frame {t}: {worst}");
@@ -198,10 +234,11 @@ mod tests {
 
     #[test]
     fn still_water_has_neither_memory_nor_residuals() {
-        let transport = Transport::along(&Field::zeros(SIZE.0, SIZE.1), None);
+        let transport = Transport::along(&Field::zeros(SIZE.0, SIZE.1), Inflow::Border);
         let still = |_| Plane::zeros(SIZE.0, SIZE.1);
         let residuals = Residuals::of(5, still, &transport, "residuals", &Silent).unwrap();
-        assert!(residuals.memory.data.iter().all(|&v| v == 0.0) && forgotten(&residuals.memory) == 1);
+        assert!(residuals.memory.0.iter().all(|band| band.data.iter().all(|&v| v == 0.0)));
+        assert!(residuals.memory.length() == 1 && residuals.count() == 5);
         assert!((0..7).all(|t| residuals.at(t).data.iter().all(|&v| v == 0.0)));
     }
 }

@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use super::arrays::Arrays;
 use super::beside::{SUMMARY, beside, free_beside, record_of};
 use super::contact_sheet::spread;
 use super::run::{FILES, SHEET_FRAMES, to_json, write as write_report};
@@ -17,6 +18,7 @@ use crate::scene::scene::{self, SCENE_FILE, Scene, for_each_path};
 use crate::synth::record::RunRecord;
 use crate::synth::run::PreparedScene;
 use crate::video::clip::Sink;
+use crate::video::write::both::Both;
 use crate::video::write::options::{FrameRate, SinkOptions};
 use crate::video::write::sink;
 
@@ -26,7 +28,7 @@ use crate::video::write::sink;
 /// # Errors
 /// Bad input, by name; a full disk; an interruption. Nothing half-written stays.
 pub fn animate(file: SceneFile, output: &Path, report: Option<&Path>, observer: &dyn Observer) -> Result<RunRecord> {
-    Places { scene: Vec::new(), output, report, preview: false }.animate(file, observer)
+    Places { scene: Vec::new(), output, report, arrays: None, preview: false }.animate(file, observer)
 }
 
 /// Where a run writes, and where its settings come from.
@@ -37,6 +39,8 @@ pub struct Places<'a> {
     pub output: &'a Path,
     /// Folder for the page that explains the run.
     pub report: Option<&'a Path>,
+    /// Folder for the run as arrays.
+    pub arrays: Option<&'a Path>,
     /// Whether the first frame is written beside the output as soon as it is made (`.preview.png`).
     pub preview: bool,
 }
@@ -113,7 +117,12 @@ impl Places<'_> {
         let frames = scene.wanted_frames();
         let (loops, part) = (scene.settings().loops(), settings.frames_range.map(|_| frames.start));
         refuse_stranger(output, part.map(|_| frames.clone()))?;
-        let inner = sink::create_part(output, part, SinkOptions { width, height, rate, loops, alpha: settings.alpha })?;
+        let options = SinkOptions { width, height, rate, loops, alpha: settings.alpha };
+        let mut inner = sink::create_part(output, part, options)?;
+        let arrays = self.arrays.map(Arrays::create).transpose()?;
+        if let Some(arrays) = &arrays {
+            inner = Box::new(Both(inner, sink::create(&arrays.frames(), options)?));
+        }
         if let Some(folder) = report {
             std::fs::create_dir_all(folder).map_err(|e| Error::io(folder, "make the folder", e))?;
         }
@@ -123,6 +132,7 @@ impl Places<'_> {
         let outcome = prepared.run(&mut *collector, observer)?;
         let frames = std::mem::take(&mut collector.kept);
         collector.finish()?;
+        arrays.map_or(Ok(()), |arrays| arrays.finish(&outcome))?;
         if !to_stdout {
             let folder = output.parent().unwrap_or(Path::new(""));
             let write =
@@ -154,10 +164,10 @@ impl Places<'_> {
     fn refuse_input(&self, inputs: &Inputs) -> Result<()> {
         let remedy = "give another name with -o, or another folder with --report";
         if self.output != Path::new("-") {
-            inputs.refuse(self.output, remedy)?;
+            inputs.refuse(self.output, "video", remedy)?;
         }
         let files = || self.report.into_iter().flat_map(|folder| FILES.map(|name| folder.join(name)));
-        files().try_for_each(|path| inputs.refuse(&path, remedy))?;
+        files().try_for_each(|path| inputs.refuse(&path, "video", remedy))?;
         files().try_for_each(|path| own_file::check(&path))
     }
 }

@@ -2,6 +2,7 @@
 //! and the page that shows methods beside each other.
 
 pub mod animate;
+pub mod arrays;
 pub mod beside;
 pub mod comparison;
 pub mod contact_sheet;

@@ -254,6 +254,8 @@ impl Target<'_> {
         if !self.options.libraries.is_empty() && nearest.is_none() {
             return Err(Error::file(Kind::Unusable, self.path, "the library holds no other clip to animate it with"));
         }
+        let scenes = self.folder.parent().unwrap_or(Path::new(""));
+        std::fs::create_dir_all(scenes).map_err(|e| Error::io(scenes, "make the folder", e))?;
         // Under its name when all of it is there: a folder of that name that somebody made meanwhile is not touched.
         let made = AtomicFolder::create(&self.folder, |_| false)?;
         let (picture, matte, reference) =

@@ -126,7 +126,7 @@ fn prepare(setup: &Setup, output: &Path) -> Result<AtomicFolder> {
     }
     let shapes = setup.file.emitters.iter().map(|e| &e.shape).chain(&setup.file.obstacles);
     let inputs = Inputs::new(shapes.filter_map(|shape| shape.mask.clone()).chain(setup.path.clone()));
-    inputs.refuse(output, "name another folder with -o")?;
+    inputs.refuse(output, "simulation", "name another folder with -o")?;
     own_file::check(&there)?;
     let text = format(&with_masks(&setup.file, &folder)?)?;
     folder.write(SIMULATION_FILE, &own_file::marked(text.as_bytes()))?;

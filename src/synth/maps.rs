@@ -1,6 +1,8 @@
 //! Maps of the motion, to look at, to repaint and to feed back (Okabe et al. 2011, §6): directions as hues
 //! ([`crate::flow::orientation`]) and speeds as grey, of the picture's size.
 
+use ndarray::Array3;
+
 use crate::flow::field::Field;
 use crate::flow::orientation;
 use crate::raster::image::{Plane, Rgb8};
@@ -47,6 +49,18 @@ pub fn maps(motion: &AssignedMotion, pace: f32, asked: Option<&Asked>, matte: &P
         pictures.push(("asked-speed", orientation::speed_picture(wished, max_speed)));
     }
     Maps { pictures, max_speed }
+}
+
+/// The motion that was assigned ("motion", pixels of the working image per output frame), and what was asked of it where
+/// something was: "asked-direction", and "asked-speed" in the same unit, below 0 where none was asked.
+pub fn arrays(motion: &Field, asked: Option<&Asked>) -> Vec<(&'static str, Array3<f32>)> {
+    let mut arrays = vec![("motion", motion.to_array())];
+    if let Some(asked) = asked {
+        let Plane { width, height, .. } = asked.speed;
+        let speed = Array3::from_shape_fn((height, width, 1), |(y, x, _)| asked.speed.at(x, y));
+        arrays.extend([("asked-direction", asked.direction.to_array()), ("asked-speed", speed)]);
+    }
+    arrays
 }
 
 /// The 99th percentile of the values above 0 within the matte, so that one odd cell does not make all others dark; 0 when

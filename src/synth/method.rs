@@ -3,6 +3,8 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use ndarray::Array3;
+
 use super::record::{RunRecord, Timed};
 use crate::base::error::Result;
 use crate::base::observe::Observer;
@@ -43,6 +45,8 @@ pub struct Outcome {
     pub record: RunRecord,
     /// Pictures that explain it, by name without extension ("assignment", "speed", "orientation", "asked-speed"…).
     pub pictures: Vec<(&'static str, Rgb8)>,
+    /// Arrays (y, x, component) of the working size for other programs, see [`super::maps::arrays`].
+    pub arrays: Vec<(&'static str, Array3<f32>)>,
 }
 
 /// A method that animates a scene.

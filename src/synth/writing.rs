@@ -1,5 +1,7 @@
 //! Differences and outlines to frames that are written.
 
+use std::borrow::Cow;
+
 use crate::base::error::Result;
 use crate::base::observe::{self, Observer, stage};
 use crate::base::par;
@@ -20,10 +22,26 @@ pub fn carry(
     sink: &mut dyn Sink,
     observer: &Timed,
 ) -> Result<()> {
-    let wanted = scene.wanted_frames();
     let none = Plane::zeros(matte.width, matte.height);
+    show(scene, compositor, matte, |_| Cow::Borrowed(&none), sink, observer)
+}
+
+/// Makes the frames that have `differences(t)`, inside an outline that stays.
+///
+/// # Errors
+/// A sink that fails, a cancel.
+pub fn show<'f>(
+    scene: &Scene,
+    compositor: &Compositor,
+    matte: &'f Plane,
+    differences: impl Fn(usize) -> Cow<'f, Plane> + Sync + Send,
+    sink: &mut dyn Sink,
+    observer: &Timed,
+) -> Result<()> {
+    let wanted = scene.wanted_frames();
     let mut writer = Writer::new(compositor, scene, sink, observer);
-    stage(observer, "frames", wanted.len() as u64, || writer.write(wanted.len(), |i| (wanted.start + i, &none, matte)))
+    let frame = |i: usize| (wanted.start + i, differences(wanted.start + i), matte);
+    stage(observer, "frames", wanted.len() as u64, || writer.write(wanted.len(), frame))
 }
 
 /// Puts frames together and hands them on.
@@ -47,16 +65,16 @@ impl<'a> Writer<'a> {
     pub fn write<'f>(
         &mut self,
         count: usize,
-        frame: impl Fn(usize) -> (usize, &'f Plane, &'f Plane) + Sync + Send,
+        frame: impl Fn(usize) -> (usize, Cow<'f, Plane>, &'f Plane) + Sync + Send,
     ) -> Result<()> {
         let (compositor, alpha, observer) = (self.compositor, self.alpha, self.observer);
         let make = |i: usize| {
             let (t, differences, outline) = frame(i);
             Ok(if alpha {
-                let (fluid, opacity) = compositor.fluid(t, differences, outline);
+                let (fluid, opacity) = compositor.fluid(t, &differences, outline);
                 (fluid, Some(opacity))
             } else {
-                (compositor.frame(t, differences, outline), None)
+                (compositor.frame(t, &differences, outline), None)
             })
         };
         par::ordered_map(0..count, 2, make, |_, (frame, opacity)| {

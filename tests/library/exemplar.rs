@@ -270,3 +270,48 @@ fn parts_of_a_fluid_keep_to_themselves_at_the_edges_too() {
         assert!(strange * 100 <= fluid.len(), "{t}: {strange} of {}", fluid.len());
     }
 }
+
+#[test]
+fn residuals_are_borrowed_from_clips_that_move_only() {
+    let stage = Stage::new();
+    let contains = |more: &str, words: &str| {
+        let error = stage.error(&format!("method = 'okabe2009'\n{more}")).to_string();
+        assert!(error.contains(words), "{error:?} should contain {words:?}");
+    };
+    write_clip(&stage.path("short"), 8);
+    std::fs::create_dir(stage.path("frozen")).unwrap();
+    for t in 0..20 {
+        write_png(&stage.path("frozen").join(format!("{t:03}.png")), &texture(64, 60, 3)).unwrap();
+    }
+    contains(DOWN, "okabe2009 borrows from a clip, and none is named; name a clip of a like fluid with --exemplar");
+    contains(&format!("exemplar = 'e.png'\n{DOWN}"), "e.png: does not move");
+    contains(&format!("exemplar = 'short'\n{DOWN}"), "short: has 8 frames at 25 a second (allowed: 12 at least)");
+    contains(&format!("exemplar = 'frozen'\n{DOWN}"), "frozen: nothing moves in the clip");
+    contains("exemplar = 'short'\n[output]\nframes = 6\n", "no motion is asked for anywhere on the fluid");
+    contains(&format!("exemplar = 'short'\n{DOWN}[okabe2009]\nrefine = 2"), "okabe2009.refine: 2 is out of range");
+}
+
+#[test]
+fn residuals_flow_as_is_asked_at_the_contrast_of_the_picture() {
+    let stage = Stage::new();
+    write_clip(&stage.path("clip"), 40);
+    // Sinking in the clip, to the right on the picture.
+    let scene = "method = 'okabe2009'\nexemplar = 'clip'\n[motion]\ndirection = 0\n[output]\nframes = 24\n";
+    let (frames, _) = stage.run(&format!("{scene}[okabe2009]\nrefine = 0\nrecovery = 1\nshutter = 100\n")).unwrap();
+    let lumas: Vec<Plane> = frames.iter().map(Rgb8::luma).collect();
+    // The default speed is 8 % of 132 pixels a second: half a pixel a frame. What is seen is where it was four frames ago.
+    let apart = |across: isize| -> f32 {
+        let place = (14..82).flat_map(|y| (60..116).map(move |x| (x, y)));
+        let step = |(x, y): (usize, usize)| {
+            (4..24)
+                .map(|t| (lumas[t].at(x, y) - lumas[t - 4].at((x as isize - across) as usize, y)).powi(2))
+                .sum::<f32>()
+        };
+        place.map(step).sum()
+    };
+    let best = (-6..=6).min_by(|&a, &b| apart(a).total_cmp(&apart(b))).unwrap();
+    assert!((1..=3).contains(&best), "{best}");
+    let (across, down) = steps(&frames[7]);
+    let whole = steps(&texture(SIZE.0, SIZE.1, 1));
+    assert!((across + down) / (whole.0 + whole.1) > 0.3, "{} of {}", across + down, whole.0 + whole.1);
+}

@@ -111,8 +111,7 @@ impl Exhaustive {
                 }
             }
         }
-        let sites: Vec<(usize, usize)> =
-            inner(TARGET).flat_map(|y| inner(TARGET).map(move |x| (x, y))).collect();
+        let sites: Vec<(usize, usize)> = inner(TARGET).flat_map(|y| inner(TARGET).map(move |x| (x, y))).collect();
         let cost = |&(x, y): &(usize, usize)| {
             let patch: [f32; PIXELS] = std::array::from_fn(|k| target.at(x + k % 5 - 2, y + k / 5 - 2));
             let squared = |s: &[f32; PIXELS]| s.iter().zip(&patch).map(|(a, b)| (a - b) * (a - b)).sum::<f32>();

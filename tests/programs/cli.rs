@@ -10,6 +10,7 @@ use std::sync::OnceLock;
 
 use assert_cmd::Command;
 use enliven::raster::image::{Plane, Rgb8};
+use enliven::raster::npy;
 use enliven::raster::picture_io::{read_picture, write_grey_png, write_png};
 use enliven::report::run::to_json;
 use enliven::synth::record::RunRecord;
@@ -575,19 +576,40 @@ fn videos_are_written_with_their_scene_and_summary() {
 }
 
 #[test]
+fn a_run_is_handed_to_python_as_arrays() {
+    let folder = studio();
+    let at = |name: &str| folder.path().join(name);
+    let line = "enliven animate picture.png --matte matte.png --library l.pack --direction 90 --frames 5 --quiet";
+    let output = succeed(folder.path(), &format!("{line} -o x.npy --arrays arrays --json"));
+    let summary: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let [width, height] = [0, 1].map(|i| summary["working_size"][i].as_u64().unwrap() as usize);
+    let shape = |name: &str| npy::Frames::open(&at(name)).unwrap().shape();
+    assert_eq!(shape("x.npy"), [5, 80, 112, 3]);
+    assert_eq!(fs::read(at("x.npy")).unwrap(), fs::read(at("arrays/frames.npy")).unwrap());
+    assert_eq!(shape("arrays/motion.npy"), [1, height, width, 2]);
+    assert_eq!(shape("arrays/asked-direction.npy"), [1, height, width, 2]);
+    assert_eq!(shape("arrays/asked-speed.npy"), [1, height, width, 1]);
+    assert_eq!(tree(&at("arrays")).len(), 6);
+    // What is in a folder stays.
+    let refused = format!("{line} -o y.npy --arrays arrays");
+    refuse(folder.path(), &refused, FAILED, &["arrays: holds ", "a new or empty folder", "write to another folder"]);
+    assert!(!at("y.npy").exists());
+}
+
+#[test]
 fn nothing_that_a_person_made_is_written_over() {
     let folder = studio();
     let at = |name: &str| folder.path().join(name);
     let animate = |line: &str| stderr(&succeed(folder.path(), &format!("enliven animate {line}")));
     let wrong = |line: &str, parts: &[&str]| refuse(folder.path(), &format!("enliven animate {line}"), USAGE, parts);
     let mine =
-        "# by hand\npicture = 'picture.png'\nmethod = 'advect'\n[motion]\ndirection = 90\n[output]\nframes = 6\n";
+        "# by hand\npicture = 'picture.png'\nmethod = 'advect'\n[motion]\ndirection = 90\n[output]\nframes = 8\n";
     let person = [("x.scene.toml", mine), ("x.summary.json", "{}"), ("x.preview.png", "a picture")];
     person.iter().for_each(|(name, text)| fs::write(at(name), text).unwrap());
     let unchanged = || person.iter().for_each(|(name, text)| assert_eq!(fs::read_to_string(at(name)).unwrap(), *text));
 
     // A person's files stay, whether they are read or not; a run writes beside them and replaces what it knows as its own.
-    for line in ["x.scene.toml", "./x.scene.toml --preview", "picture.png --direction 90 --method advect --frames 6"] {
+    for line in ["x.scene.toml", "./x.scene.toml --preview", "picture.png --direction 90 --method advect --frames 8"] {
         let said = animate(&format!("{line} -o x.gif"));
         assert!(said.contains("x.scene.toml: stays as it is; this run writes x.run.scene.toml"), "{said}");
         unchanged();
@@ -607,7 +629,7 @@ fn nothing_that_a_person_made_is_written_over() {
     assert!(at("x.run3.scene.toml").exists() && fs::read_to_string(at("x.run2.scene.toml")).unwrap() == edited);
 
     // Videos and frames without a record, and frames that are read.
-    let advect = "--direction 90 --method advect --frames 6";
+    let advect = "--direction 90 --method advect --frames 8";
     fs::write(at("filmed.mp4"), "a film").unwrap();
     wrong(
         &format!("picture.png {advect} -o filmed.mp4"),
@@ -641,7 +663,7 @@ fn links_to_what_is_read_are_not_written_over() {
     fs::hard_link(at("picture.png"), at("twin.png")).unwrap();
     for name in ["link.png", "twin.png", "./picture.png"] {
         let line = format!("enliven animate picture.png --direction 90 --method advect -o {name}");
-        refuse(folder.path(), &line, USAGE, &["picture.png: is read for this and would be written over"]);
+        refuse(folder.path(), &line, USAGE, &["picture.png: is read for this video and would be written over"]);
     }
 }
 

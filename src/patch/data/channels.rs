@@ -59,8 +59,10 @@ pub struct Layout {
     radius: usize,
     /// Distance in whole numbers of a squared difference of 1 at weight 1.
     unit: f64,
-    /// For every step of the modulation those of one row of a patch, one number a byte; 0 beyond the patch.
-    weights: Vec<i16>,
+    /// Bytes of a row of a patch, in whole lanes.
+    row: usize,
+    /// For every step of the modulation the weights of one row of a patch, one number a byte; 0 beyond the patch.
+    weights: Vec<Box<[i16]>>,
 }
 
 impl Layout {
@@ -87,8 +89,9 @@ impl Layout {
         }
         let scale = scale(channels.iter().map(|c| f64::from(c.weight)), side)
             .ok_or_else(|| refuse("all weights are 0".into()))?;
-        let weights = (0..=MODULATION).flat_map(|step| row_weights(&channels, side, scale, step)).collect();
-        Ok(Self { channels, synthesised, radius, unit: scale * 255.0 * 255.0, weights })
+        let weights = (0..=MODULATION).map(|step| row_weights(&channels, side, scale, step).into()).collect();
+        let row = (side * channels.len()).next_multiple_of(LANES);
+        Ok(Self { channels, synthesised, radius, unit: scale * 255.0 * 255.0, row, weights })
     }
 
     /// The channels in the order in which they lie in memory.
@@ -124,14 +127,13 @@ impl Layout {
     /// Bytes of a row of a patch, in whole lanes.
     #[inline]
     pub(in crate::patch) fn row(&self) -> usize {
-        (self.side() * self.channels.len()).next_multiple_of(LANES)
+        self.row
     }
 
     /// Weights of one row of a patch at a step of the modulation.
     #[inline]
     pub(in crate::patch) fn weights(&self, step: u8) -> &[i16] {
-        let row = self.row();
-        &self.weights[usize::from(step.min(MODULATION)) * row..][..row]
+        &self.weights[usize::from(step.min(MODULATION))]
     }
 }
 

@@ -21,7 +21,7 @@ use crate::video::steps::isolated_steps;
 /// Alpha below which nothing is seen.
 const UNSEEN: f32 = 0.5 / 255.0;
 /// Most frames of the cross-fade where a clip's loop closes.
-const FADE: usize = 20;
+pub const FADE: usize = 20;
 /// Frames of the target that are looked at for how much fluid it has.
 const SAMPLES: usize = 8;
 /// An exemplar is not shrunk below this long side, pixels.
@@ -179,7 +179,10 @@ impl Exemplar {
 }
 
 /// A loop of `frames` frames out of a clip.
-fn plan(clip: &[Packed], frames: usize) -> Result<LoopPlan> {
+///
+/// # Errors
+/// A clip or a loop without frames.
+pub fn plan(clip: &[Packed], frames: usize) -> Result<LoopPlan> {
     let lumas = par::map(clip.len(), |i| clip[i].luma());
     let thumbnails = par::map(lumas.len(), |i| thumbnail(&lumas[i]));
     let step = |i: usize| {

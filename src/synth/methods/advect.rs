@@ -12,7 +12,7 @@ use crate::render::recover::AssignedMotion;
 use crate::scene::file::Output;
 use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
-use crate::synth::maps::{Maps, maps};
+use crate::synth::maps::{self, Maps, maps};
 use crate::synth::memory;
 use crate::synth::method::{MethodEntry, Outcome, Sources, Synthesizer};
 use crate::synth::record::{RunRecord, Timed};
@@ -89,8 +89,9 @@ impl Synthesizer for Advect {
 
 fn outcome(still: &Still, flow: Field) -> Outcome {
     let picture = ("motion", draw::colour(&flow, 0.0));
+    let arrays = maps::arrays(&flow, still.asked.as_ref());
     let motion = AssignedMotion { activity: flow.magnitude(), mean: flow };
     let Maps { mut pictures, max_speed } = maps(&motion, 1.0, still.asked.as_ref(), &still.working_matte, &still.map);
     pictures.push(picture);
-    Outcome { record: RunRecord { max_speed: Some(max_speed), ..RunRecord::default() }, pictures }
+    Outcome { record: RunRecord { max_speed: Some(max_speed), ..RunRecord::default() }, pictures, arrays }
 }

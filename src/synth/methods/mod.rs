@@ -5,11 +5,13 @@ pub mod database;
 pub mod hybrid;
 pub mod kwatra;
 pub mod lazyfluids;
+pub mod okabe2009;
 
 use super::method::MethodEntry;
 
 /// All methods.
-pub const REGISTRY: &[MethodEntry] = &[database::ENTRY, advect::ENTRY, hybrid::ENTRY, lazyfluids::ENTRY, kwatra::ENTRY];
+pub const REGISTRY: &[MethodEntry] =
+    &[database::ENTRY, advect::ENTRY, hybrid::ENTRY, lazyfluids::ENTRY, kwatra::ENTRY, okabe2009::ENTRY];
 
 /// The method of a picture when none is named.
 pub const DEFAULT_METHOD: &str = "database";

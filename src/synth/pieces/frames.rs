@@ -1,5 +1,6 @@
 //! From clips to frames: loops are found, then frames are made in blocks and handed on in order.
 
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 
 use super::footage::{Clip, Stream, bands_of, frame_bytes, kept_bytes, loop_bytes, study_bytes};
@@ -105,7 +106,7 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
             let outlines = outline.follow(&differences);
             let before = (first - start).saturating_sub(b * block).min(differences.len());
             let t = (start + b * block + before) % output.length();
-            let frame = |i: usize| (t + i, &differences[before + i], &outlines[before + i]);
+            let frame = |i: usize| (t + i, Cow::Borrowed(&differences[before + i]), &outlines[before + i]);
             writer.write(differences.len() - before, frame)
         })
     })

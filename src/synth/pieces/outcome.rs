@@ -13,7 +13,7 @@ use crate::flow::draw;
 use crate::flow::field::Field;
 use crate::raster::image::Plane;
 use crate::raster::resample::resize;
-use crate::synth::maps::{Maps, maps};
+use crate::synth::maps::{self, Maps, maps};
 use crate::synth::method::Outcome;
 use crate::synth::record::{AssignmentRecord, ClipShare, NodeRecord, RunRecord};
 
@@ -54,7 +54,8 @@ pub fn outcome(
         nodes: (0..placed.choices.len()).map(|i| node(run, placed, clip_of[i], i)).collect::<Result<_>>()?,
     };
     let record = RunRecord { assignment: Some(assignment), max_speed: Some(max_speed), ..RunRecord::default() };
-    Ok(Outcome { record, pictures })
+    let played = Field { u: field.u.map(|u| run.pace() * u), v: field.v.map(|v| run.pace() * v) };
+    Ok(Outcome { record, pictures, arrays: maps::arrays(&played, still.asked.as_ref()) })
 }
 
 /// How much of the picture each clip moves, the most first; `clip_of` holds the clip of every node.

@@ -18,7 +18,7 @@ use crate::render::streaks::streaked;
 use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
 use crate::synth::exemplar::exemplar::{Exemplar, Wanted};
-use crate::synth::maps::maps;
+use crate::synth::maps::{self, maps};
 use crate::synth::method::Outcome;
 use crate::synth::record::{FrameRecord, RunRecord, SynthesisRecord, Timed};
 use crate::synth::{memory, separation};
@@ -223,6 +223,7 @@ fn outcome(run: &Run, background: Option<Rgb8>, frames: Vec<FrameRecord>) -> Res
     let field = Field { u: resize(&flow.u, width, height), v: resize(&flow.v, width, height) };
     let mut pictures = vec![("exemplar", exemplar.at(0).on_black()), ("motion", draw::colour(&field, 0.0))];
     pictures.extend(background.map(|background| ("background", background)));
+    let arrays = maps::arrays(&field, still.asked.as_ref());
     let mut max_speed = None;
     if scene.designed().is_none() {
         let motion = AssignedMotion { activity: field.magnitude(), mean: field };
@@ -231,7 +232,7 @@ fn outcome(run: &Run, background: Option<Rgb8>, frames: Vec<FrameRecord>) -> Res
         max_speed = Some(maps.max_speed);
     }
     let synthesis = Some(SynthesisRecord { exemplar_size: exemplar.at(0).size(), frames });
-    Ok(Outcome { record: RunRecord { synthesis, max_speed, ..RunRecord::default() }, pictures })
+    Ok(Outcome { record: RunRecord { synthesis, max_speed, ..RunRecord::default() }, pictures, arrays })
 }
 
 /// What was made up behind the fluid, at the picture's size, for a person to paint over.

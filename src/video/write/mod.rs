@@ -2,8 +2,10 @@
 
 mod animation;
 mod apng;
+pub mod both;
 pub mod gif;
 pub mod mp4;
+pub mod npy;
 pub mod options;
 mod palette;
 mod patch;

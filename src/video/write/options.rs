@@ -67,7 +67,7 @@ pub struct SinkOptions {
     pub rate: FrameRate,
     /// Whether a player should start again at the end, where the format can say so (GIF, WebP, APNG).
     pub loops: bool,
-    /// Whether every frame comes with its opacity; only PNG, WebP, APNG and (in one bit) GIF hold it.
+    /// Whether every frame comes with its opacity; only PNG, WebP, APNG, NumPy arrays and (in one bit) GIF hold it.
     pub alpha: bool,
 }
 

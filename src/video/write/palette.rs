@@ -5,6 +5,9 @@
 //! whose mean it is, and a blue-noise threshold of the place picks one. Equal pixels give equal indices in every frame,
 //! so nothing still flickers.
 
+use macro_rules_attribute::apply;
+
+use crate::base::instructions::kernel;
 use crate::base::par;
 
 /// Bits of each channel that the histogram keeps apart.
@@ -17,6 +20,8 @@ const LIST: usize = 16;
 const TILE: usize = 32;
 /// Rounds of k-means.
 const ROUNDS: usize = 4;
+/// Palette entries compared with a colour at once.
+const LANES: usize = 16;
 /// Weight of red, green and blue differences: the roots of the eye's sensitivity to them.
 const WEIGHTS: [f32; 3] = [0.55, 0.77, 0.33];
 
@@ -94,22 +99,44 @@ fn split(points: &mut [Point], colours: usize) -> Vec<[f32; 3]> {
     boxes.into_iter().map(|(_, (mean, _))| mean).collect()
 }
 
-fn nearest(palette: &[[f32; 3]], colour: [f32; 3]) -> usize {
-    let distance = |p: &[f32; 3]| (0..3).map(|c| (p[c] - colour[c]) * (p[c] - colour[c])).sum::<f32>();
-    let mut best = (f32::INFINITY, 0);
-    for (i, entry) in palette.iter().enumerate() {
-        let d = distance(entry);
-        if d < best.0 {
-            best = (d, i);
+/// Entries of a palette, channel by channel, [`LANES`] entries together.
+struct Entries(Vec<[[f32; LANES]; 3]>);
+
+impl Entries {
+    fn of(palette: &[[f32; 3]]) -> Self {
+        // What fills up the last lanes is far from every colour.
+        let entry = |i: usize, c: usize| palette.get(i).map_or(f32::INFINITY, |entry| entry[c]);
+        let block = |b: usize| std::array::from_fn(|c| std::array::from_fn(|lane| entry(b * LANES + lane, c)));
+        Self((0..palette.len().div_ceil(LANES)).map(block).collect())
+    }
+
+    /// Number of the entry nearest to a colour, the first of several.
+    fn nearest(&self, colour: [f32; 3]) -> usize {
+        nearest(&self.0, colour)
+    }
+}
+
+#[apply(kernel)]
+fn nearest(blocks: &[[[f32; LANES]; 3]], colour: [f32; 3]) -> usize {
+    let (mut least, mut of) = ([f32::INFINITY; LANES], [0u32; LANES]);
+    for (block, [red, green, blue]) in (0..).zip(blocks) {
+        for lane in 0..LANES {
+            let (r, g, b) = (red[lane] - colour[0], green[lane] - colour[1], blue[lane] - colour[2]);
+            let distance = r * r + g * g + b * b;
+            let nearer = distance < least[lane];
+            least[lane] = if nearer { distance } else { least[lane] };
+            of[lane] = if nearer { block } else { of[lane] };
         }
     }
-    best.1
+    let found = (0..LANES).map(|lane| (least[lane], of[lane] as usize * LANES + lane));
+    found.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1))).map_or(0, |(_, entry)| entry)
 }
 
 /// Moves the entries to the means of the colours nearest to them.
 fn refine(points: &[Point], palette: &mut [[f32; 3]]) {
     for _ in 0..ROUNDS {
-        let owners = par::map(points.len(), |i| nearest(palette, points[i].colour));
+        let entries = Entries::of(palette);
+        let owners = par::map(points.len(), |i| entries.nearest(points[i].colour));
         let mut sums = vec![(0.0, [0.0; 3]); palette.len()];
         for (point, owner) in points.iter().zip(owners) {
             let (count, sum) = &mut sums[owner];
@@ -147,7 +174,8 @@ impl Palette {
         // What will be shown is the rounded colour.
         let entry = |p: &[u8]| std::array::from_fn(|c| f32::from(p[c]) * WEIGHTS[c]);
         let entries: Vec<[f32; 3]> = rgb.chunks_exact(3).map(entry).collect();
-        let lists = par::map(points.len(), |i| list(&entries, points[i].colour));
+        let lanes = Entries::of(&entries);
+        let lists = par::map(points.len(), |i| list(&entries, &lanes, points[i].colour));
         let mut list_of = vec![0; CELLS];
         points.iter().enumerate().for_each(|(i, point)| list_of[point.cell] = i as u32);
         Self { rgb, list_of, lists, thresholds: thresholds() }
@@ -165,12 +193,12 @@ impl Palette {
     }
 }
 
-/// Entries whose mean is near `colour`, dark to light.
-fn list(palette: &[[f32; 3]], colour: [f32; 3]) -> [u8; LIST] {
+/// Entries whose mean is near `colour`, dark to light; `lanes` holds the palette once more, for the search.
+fn list(palette: &[[f32; 3]], lanes: &Entries, colour: [f32; 3]) -> [u8; LIST] {
     let mut error = [0.0; 3];
     let mut picked = [0; LIST];
     for slot in &mut picked {
-        let best = nearest(palette, std::array::from_fn(|c| colour[c] + error[c]));
+        let best = lanes.nearest(std::array::from_fn(|c| colour[c] + error[c]));
         *slot = best as u8;
         (0..3).for_each(|c| error[c] += colour[c] - palette[best][c]);
     }
@@ -228,6 +256,18 @@ mod tests {
             let values = (x..x + 8).flat_map(column).map(|i| f64::from(palette.rgb[usize::from(indices[i]) * 3]));
             let mean = values.sum::<f64>() / (8 * height) as f64;
             assert!((mean - (x as f64 + 3.5)).abs() < 4.0, "{x}: {mean}");
+        }
+    }
+
+    #[test]
+    fn the_nearest_entry_is_the_first_of_the_nearest() {
+        let grey = |v: usize| [v as f32; 3];
+        let palette: Vec<[f32; 3]> = (0..77).map(|i| grey(10 * (i % 40))).collect();
+        let entries = Entries::of(&palette);
+        for v in 0..400 {
+            let distance = |i: &usize| palette[*i][0].max(v as f32) - palette[*i][0].min(v as f32);
+            let expected = (0..77).min_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap();
+            assert_eq!(entries.nearest(grey(v)), expected, "{v}");
         }
     }
 

@@ -5,6 +5,7 @@ use std::path::Path;
 use super::apng::{Apng, ApngWriter};
 use super::gif::GifWriter;
 use super::mp4::Mp4Writer;
+use super::npy::NpyWriter;
 use super::options::SinkOptions;
 use super::png_folder::{PngFolder, is_frame_name};
 use super::webp::{Webp, WebpWriter};
@@ -25,15 +26,16 @@ enum Format {
     Webp,
     Apng,
     Y4m,
+    Npy,
     Folder,
 }
 
 /// What names [`create`] accepts, for messages.
 pub const SUPPORTED: &str =
-    ".mp4, .gif, .webp, .apng (or .png), .y4m, a folder for PNG frames, or - for Y4M on standard output";
+    ".mp4, .gif, .webp, .apng (or .png), .y4m, .npy, a folder for PNG frames, or - for Y4M on standard output";
 /// What holds opacity, for messages.
 const WITH_ALPHA: &str =
-    "a name without extension, for a folder of PNG frames; .webp; .apng; .gif, opaque or not and nothing between";
+    "a name without extension, for a folder of PNG frames; .webp; .apng; .gif, opaque or not and nothing between; .npy";
 
 impl Format {
     fn of(path: &Path) -> Result<Self> {
@@ -52,6 +54,7 @@ impl Format {
             // An animated PNG is a PNG, and some places take it by that name only.
             Some("apng" | "png") => Ok(Self::Apng),
             Some("y4m") => Ok(Self::Y4m),
+            Some("npy") => Ok(Self::Npy),
             Some(other) => Err(Error::file(Kind::Usage, path, format!("cannot write .{other}"))
                 .allowed(SUPPORTED)
                 .remedy("choose one of these, or end the name of a folder with a slash")),
@@ -60,12 +63,13 @@ impl Format {
 
     /// Whether the format holds opacity.
     fn holds_alpha(self) -> bool {
-        matches!(self, Self::Folder | Self::Webp | Self::Apng | Self::Gif)
+        matches!(self, Self::Folder | Self::Webp | Self::Apng | Self::Npy | Self::Gif)
     }
 }
 
-/// Opens a sink for `path`, by its extension: `.mp4`, `.gif`, `.webp`, `.apng` or `.png`, `.y4m`; a name without extension, with a trailing slash, or of an
-/// existing folder is a folder of `00000.png`, `00001.png`…; `-` is Y4M on standard output.
+/// Opens a sink for `path`, by its extension: `.mp4`, `.gif`, `.webp`, `.apng` or `.png`, `.y4m`, `.npy`; a name without
+/// extension, with a trailing slash, or of an existing folder is a folder of `00000.png`, `00001.png`…; `-` is Y4M on
+/// standard output.
 ///
 /// The file appears under its name when [`Sink::finish`] is called; a sink dropped before leaves nothing.
 ///
@@ -92,6 +96,7 @@ pub fn create_part(path: &Path, part: Option<usize>, options: SinkOptions) -> Re
     Ok(match format {
         Format::Stdout => Box::new(Y4mWriter::to_stdout(options)?),
         Format::Y4m => Box::new(Y4mWriter::create(path, options)?),
+        Format::Npy => Box::new(NpyWriter::create(path, options)?),
         Format::Mp4 => Box::new(Mp4Writer::create(path, options)?),
         Format::Gif => Box::new(GifWriter::create(path, options)?),
         Format::Webp => Box::new(WebpWriter::create(path, options, Webp)?),
@@ -137,7 +142,7 @@ mod tests {
         let format = |name: &str| Format::of(Path::new(name));
         assert_eq!(format("-").unwrap(), Format::Stdout);
         assert_eq!(format("a.MP4").unwrap(), Format::Mp4);
-        assert_eq!(format("a.y4m").unwrap(), Format::Y4m);
+        assert_eq!((format("a.y4m").unwrap(), format("a.npy").unwrap()), (Format::Y4m, Format::Npy));
         assert_eq!(format("a.webp").unwrap(), Format::Webp);
         assert_eq!((format("a.apng").unwrap(), format("a.png").unwrap()), (Format::Apng, Format::Apng));
         assert_eq!(format("frames").unwrap(), Format::Folder);
