@@ -10,7 +10,7 @@ use enliven::assign::candidates::{Options, Pieces, search};
 use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::Silent;
 use enliven::base::rng;
-use enliven::cli::common::exit;
+use enliven::cli::common;
 use enliven::descriptor::dense_sift::describe;
 use enliven::descriptor::vocabulary::{PIECE_WORDS, Vocabulary};
 use enliven::library::piece::PieceIx;
@@ -160,5 +160,5 @@ fn run() -> Result<()> {
 }
 
 fn main() -> ExitCode {
-    exit(run())
+    common::main(|| (), |()| run())
 }

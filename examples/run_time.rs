@@ -11,7 +11,7 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, Result, ensure};
 use enliven::base::observe::Silent;
 use enliven::base::par;
-use enliven::cli::animate::animate;
+use enliven::report::animate::animate;
 use enliven::scene::file::SceneFile;
 use enliven::synth::record::RunRecord;
 use rustix::time::{ClockId, clock_gettime};

@@ -274,17 +274,21 @@ impl Files {
         for (file, imported) in &mut imports {
             imported.retain(|other| !allowed.contains(&(&*file.join("::"), &*other.join("::"))));
         }
-        let reaches = |from: &Names, to: &Names| {
-            let (mut seen, mut rest) = (BTreeSet::new(), vec![from]);
-            while let Some(file) = rest.pop() {
-                rest.extend(imports[file].iter().filter(|other| seen.insert(**other)));
-            }
-            seen.contains(to)
-        };
+        let reached: BTreeMap<&Names, BTreeSet<&Names>> =
+            imports.keys().map(|file| (*file, reached(&imports, file))).collect();
         let pairs = imports.iter().flat_map(|(file, others)| others.iter().map(move |other| (*file, *other)));
-        let circular = pairs.filter(|(file, other)| reaches(other, file));
+        let circular = pairs.filter(|(file, other)| reached[other].contains(file));
         circular.map(|(file, other)| format!("{} imports {}", file.join("::"), other.join("::"))).collect()
     }
+}
+
+/// All files that a file comes to by imports.
+fn reached<'a>(imports: &BTreeMap<&'a Names, BTreeSet<&'a Names>>, from: &'a Names) -> BTreeSet<&'a Names> {
+    let (mut seen, mut rest) = (BTreeSet::new(), vec![from]);
+    while let Some(file) = rest.pop() {
+        rest.extend(imports[file].iter().copied().filter(|other| seen.insert(*other)));
+    }
+    seen
 }
 
 #[test]

@@ -73,7 +73,12 @@ pub struct Declared {
     pub default: Value,
     /// Where the method's paper (or our notes) speaks of it.
     pub section: &'static str,
+    /// Whether only those need it who know the method.
+    pub expert: bool,
 }
+
+/// Marks an option in [`declare_options!`] that only those need who know the method.
+pub const EXPERT: bool = true;
 
 /// A type an option can have.
 pub trait OptionType: Sized {
@@ -255,7 +260,8 @@ fn distance(a: &str, b: &str) -> usize {
     strsim::osa_distance(&a.to_lowercase(), &b.to_lowercase())
 }
 
-/// Declares a struct of options: each field once, with documentation, type, default, range, unit and section.
+/// Declares a struct of options: each field once, with documentation, type, default, range, unit and section; behind that
+/// [`EXPERT`] where it is for those who know the method.
 ///
 /// The struct gets `Default`, `declared() -> Vec<Declared>`, `from_table(&Table) -> Result<Self>` (unknown keys, wrong
 /// sorts and ranges are errors) and `to_table() -> Table`.
@@ -265,7 +271,8 @@ macro_rules! declare_options {
         $(#[$outer:meta])*
         pub struct $name:ident named $owner:literal {
             $( $(#[doc = $doc:literal])+
-               $field:ident: $type:ty = $default:expr, in $low:expr, $high:expr, $unit:literal, $section:literal; )*
+               $field:ident: $type:ty = $default:expr, in $low:expr, $high:expr, $unit:literal, $section:literal
+               $(, $expert:ident)?; )*
         }
     ) => {
         $(#[$outer])*
@@ -293,6 +300,7 @@ macro_rules! declare_options {
                     words: <$type as OptionType>::words(),
                     default: default.$field.to_value(),
                     section: $section,
+                    expert: false $( || $crate::base::options::$expert )?,
                 }, )*]
             }
 
@@ -354,7 +362,7 @@ mod tests {
             /// How many.
             count: usize = 100, in 1, 1000, "pieces", "§2";
             /// Whether.
-            quick: bool = false, in 0, 1, "", "§3";
+            quick: bool = false, in 0, 1, "", "§3", EXPERT;
             /// Which way.
             order: Order = Order::Rising, in 0, 1, "", "§4";
         }
@@ -371,6 +379,7 @@ mod tests {
         assert_eq!(Sample::from_table(&sample.to_table()).unwrap(), sample);
         assert_eq!(Sample::default().to_table()["strength"], Value::Number(0.3));
         assert_eq!(Sample::declared()[1].doc, "How many.");
+        assert_eq!(Sample::declared().iter().map(|d| d.expert).collect::<Vec<_>>(), [false, false, true, false]);
         assert_eq!(
             (&Sample::declared()[3].words[..], Sample::declared()[3].range),
             (&["rising", "falling"][..], (0.0, 1.0))

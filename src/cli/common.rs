@@ -14,7 +14,7 @@ use crate::base::error::{Kind, Result};
 use crate::base::instructions::{self, InstructionSet};
 use crate::base::observe::Observer;
 use crate::base::par;
-pub use crate::base::text::counted;
+pub use crate::base::text::{bytes, counted, duration};
 
 /// Options every command takes.
 #[derive(Debug, Clone, clap::Args)]
@@ -177,40 +177,4 @@ pub fn wrapped(text: &str, width: usize) -> Vec<String> {
         }
     }
     lines
-}
-
-/// Seconds as "1 h 02 min", "3 min 05 s" or "4.2 s".
-pub fn duration(seconds: f64) -> String {
-    let whole = seconds.round() as u64;
-    match whole {
-        0..60 => format!("{seconds:.1} s"),
-        60..3600 => format!("{} min {:02} s", whole / 60, whole % 60),
-        _ => format!("{} h {:02} min", whole / 3600, whole / 60 % 60),
-    }
-}
-
-/// Bytes as "12.3 MB" (powers of ten).
-pub fn bytes(count: u64) -> String {
-    let units = ["B", "kB", "MB", "GB", "TB"];
-    let mut value = count as f64;
-    let mut unit = 0;
-    while value >= 1000.0 && unit + 1 < units.len() {
-        value /= 1000.0;
-        unit += 1;
-    }
-    if unit == 0 { format!("{count} B") } else { format!("{value:.1} {}", units[unit]) }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sizes_and_times_read_well() {
-        assert_eq!(duration(4.21), "4.2 s");
-        assert_eq!(duration(185.0), "3 min 05 s");
-        assert_eq!(duration(3725.0), "1 h 02 min");
-        assert_eq!(bytes(999), "999 B");
-        assert_eq!(bytes(12_340_000), "12.3 MB");
-    }
 }

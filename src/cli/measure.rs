@@ -1,15 +1,15 @@
 //! `enliven measure`: numbers for what a video looks like and how it moves.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use serde_json::json;
 
-use super::animate::{SUMMARY, written_beside};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::cli::common::{columns, counted, say, wrapped};
 use crate::measure::Value;
 use crate::measure::footage::LONG_SIDE;
+use crate::report::beside::{record_of, written_beside};
 use crate::report::measuring::{Measuring, Request};
 use crate::report::yardstick::{Reference, Yardstick};
 use crate::scene::file::SceneFile;
@@ -116,17 +116,6 @@ impl Measure {
         say!("{}", text.map_err(|e| Error::new(Kind::Data, "report", e.to_string()))?);
         Ok(())
     }
-}
-
-/// The record written beside a video, when there is one.
-pub(super) fn record_of(video: &Path) -> Result<Option<RunRecord>> {
-    let Some(path) = written_beside(video, SUMMARY) else { return Ok(None) };
-    let text = std::fs::read_to_string(&path).map_err(|e| Error::io(&path, "read", e))?;
-    let record = serde_json::from_str(&text).map_err(|e| {
-        Error::file(Kind::Data, &path, format!("cannot be read as the summary of a run: {e}"))
-            .remedy("make the video again, or move this file away to measure without it")
-    })?;
-    Ok(Some(record))
 }
 
 /// A scene without what measuring does not need.

@@ -3,6 +3,7 @@
 use serde_json::json;
 
 use crate::base::error::{Error, Kind, Result};
+use crate::base::options::Declared;
 use crate::cli::common::say;
 use crate::synth::method::MethodEntry;
 use crate::synth::methods::REGISTRY;
@@ -40,15 +41,22 @@ impl Methods {
 
 fn print(method: &MethodEntry) {
     say!("{}: {}\n  {}", method.name, method.summary, method.citation);
-    for option in (method.options)() {
-        let (low, high) = option.range;
-        let section = if option.section.is_empty() { String::new() } else { format!("({})", option.section) };
-        let allowed = match &option.words[..] {
-            [] => format!("{low} to {high} {}", option.unit),
-            words => words.join(", "),
-        };
-        say!("  --set {}.{}={}   {allowed}\n      {} {section}", method.name, option.name, option.default, option.doc);
+    let (experts, usual): (Vec<Declared>, Vec<Declared>) = (method.options)().into_iter().partition(|o| o.expert);
+    usual.iter().for_each(|option| print_option(method, option));
+    if !experts.is_empty() {
+        say!("  for those who know the method:");
+        experts.iter().for_each(|option| print_option(method, option));
     }
+}
+
+fn print_option(method: &MethodEntry, option: &Declared) {
+    let (low, high) = option.range;
+    let section = if option.section.is_empty() { String::new() } else { format!("({})", option.section) };
+    let allowed = match &option.words[..] {
+        [] => format!("{low} to {high} {}", option.unit),
+        words => words.join(", "),
+    };
+    say!("  --set {}.{}={}   {allowed}\n      {} {section}", method.name, option.name, option.default, option.doc);
 }
 
 fn as_json(method: &MethodEntry) -> serde_json::Value {
@@ -56,7 +64,7 @@ fn as_json(method: &MethodEntry) -> serde_json::Value {
         .iter()
         .map(|o| {
             json!({ "name": o.name, "doc": o.doc, "unit": o.unit, "range": [o.range.0, o.range.1],
-                "words": o.words, "default": o.default, "section": o.section })
+                "words": o.words, "default": o.default, "section": o.section, "expert": o.expert })
         })
         .collect();
     json!({ "name": method.name, "summary": method.summary, "citation": method.citation, "options": options })

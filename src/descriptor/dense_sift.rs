@@ -74,6 +74,7 @@ impl DescriptorGrid {
 }
 
 /// Where entry `index` of a descriptor lands when the image is mirrored left to right (an involution).
+#[cfg(test)]
 pub fn mirrored(index: usize) -> usize {
     let (row, column, orientation) = (index / 32, index / 8 % BINS, index % ORIENTATIONS);
     (row * BINS + BINS - 1 - column) * ORIENTATIONS + (12 - orientation) % ORIENTATIONS

@@ -33,13 +33,6 @@ const WEIGHTS: [u16; 3] = [64, 81, 162];
 /// Bins of the three levels: one row for level 0, four for level 1, sixteen for level 2.
 const BINS: usize = 21 * ROW;
 
-/// Counts of the 81 words: level 0.
-pub fn level0(words: &[u8; PIECE_WORDS]) -> [u8; ROW] {
-    let mut row = [0; ROW];
-    words.iter().for_each(|&w| row[usize::from(w)] += 1);
-    row
-}
-
 /// Histogram intersection of two pieces times [`SCORE_ONE`].
 pub fn score(a: &[u8; PIECE_WORDS], b: &[u8; PIECE_WORDS]) -> u32 {
     let mut block = Block::default();
@@ -209,7 +202,6 @@ mod tests {
         assert_eq!((data_term(SCORE_ONE), data_term(0)), (0.0, 1.0));
         let (zeros, last) = ([0; PIECE_WORDS], [255; PIECE_WORDS]);
         assert_eq!((score(&zeros, &last), score(&last, &last)), (0, SCORE_ONE));
-        assert_eq!(level0(&zeros)[0], 81);
     }
 
     #[test]

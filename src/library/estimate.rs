@@ -6,6 +6,7 @@ use super::options::{Options, RATE};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
 use crate::base::par;
+use crate::base::text::{counted, rough_bytes, rough_duration};
 use crate::video::read::source;
 
 /// Core seconds per million working pixels and frame: reading, analysing at three scales.
@@ -60,18 +61,18 @@ impl Estimate {
         }
         observer.note(&format!(
             "{}: about {} on {}; a pack of about {}, and twice that on the disk while building",
-            counted(self.clips, "clip"),
-            duration(seconds),
-            counted(par::threads(), "thread"),
-            size(self.bytes)
+            counted(self.clips as u64, "clip"),
+            rough_duration(seconds),
+            counted(par::threads() as u64, "thread"),
+            rough_bytes(self.bytes)
         ));
         match free_space(output) {
             Some(free) if free < 0.5 * disk => {
-                let problem = format!("about {} are needed and {} are free", size(disk), size(free));
+                let problem = format!("about {} are needed and {} are free", rough_bytes(disk), rough_bytes(free));
                 Err(Error::file(Kind::Limit, output, problem).remedy("free some space, or write to another disk"))
             }
             Some(free) if free < disk => {
-                observer.note(&format!("the disk may not suffice: {} are free", size(free)));
+                observer.note(&format!("the disk may not suffice: {} are free", rough_bytes(free)));
                 Ok(())
             }
             _ => Ok(()),
@@ -92,20 +93,4 @@ fn free_space(path: &Path) -> Option<f64> {
         let _ = path;
         None
     }
-}
-
-fn counted(count: usize, what: &str) -> String {
-    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
-}
-
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 90.0 => format!("{s:.0} s"),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
-    }
-}
-
-fn size(bytes: f64) -> String {
-    if bytes < 1e9 { format!("{:.0} MB", (bytes / 1e6).ceil()) } else { format!("{:.1} GB", bytes / 1e9) }
 }

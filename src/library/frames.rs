@@ -7,7 +7,7 @@ use macro_rules_attribute::apply;
 
 use crate::base::error::Result;
 use crate::base::instructions::kernel;
-use crate::raster::image::{Plane, Rgb8};
+use crate::raster::image::{Plane, Rgb8, luma};
 
 use super::format::damaged;
 
@@ -48,8 +48,7 @@ fn from_planes(planes: &[u8], width: usize, height: usize) -> Rgb8 {
 #[apply(kernel)]
 fn luma_of(green: &[u8], red: &[u8], blue: &[u8], out: &mut [f32]) {
     for (((out, &g), &r), &b) in out.iter_mut().zip(green).zip(red).zip(blue) {
-        let (r, b) = (f32::from(r.wrapping_add(g)), f32::from(b.wrapping_add(g)));
-        *out = (0.2126 * r + 0.7152 * f32::from(g) + 0.0722 * b) / 255.0;
+        *out = luma([r.wrapping_add(g), g, b.wrapping_add(g)].map(f32::from)) / 255.0;
     }
 }
 

@@ -7,6 +7,7 @@ use super::variant::{Geometry, PIECE, SCALES, Variant, level_size};
 use crate::base::error::Result;
 use crate::base::par;
 use crate::descriptor::dense_sift::{self, DescriptorGrid};
+use crate::raster::catmull_rom;
 use crate::raster::image::Plane;
 use crate::raster::resample;
 
@@ -99,36 +100,9 @@ impl Levels {
 pub fn turn(level: &Plane, geometry: &Geometry) -> Plane {
     let sample = |x: usize, y: usize| {
         let (lx, ly) = geometry.to_level(x as f32 + 0.5, y as f32 + 0.5);
-        if geometry.aligned() { level.at(lx as usize, ly as usize) } else { bicubic(level, lx, ly) }
+        if geometry.aligned() { level.at(lx as usize, ly as usize) } else { catmull_rom::sample(level, lx, ly) }
     };
     Plane::from_fn(geometry.width, geometry.height, sample)
-}
-
-/// Catmull–Rom value at the continuous position `(x, y)`, coordinates clamped to the border.
-fn bicubic(plane: &Plane, x: f32, y: f32) -> f32 {
-    let (fx, fy) = (x - 0.5, y - 0.5);
-    let (x0, y0) = (fx.floor(), fy.floor());
-    let (wx, wy) = (weights(fx - x0), weights(fy - y0));
-    let (x0, y0) = (x0 as isize - 1, y0 as isize - 1);
-    let inside = x0 >= 0 && y0 >= 0 && x0 + 4 <= plane.width as isize && y0 + 4 <= plane.height as isize;
-    let mut sum = 0.0;
-    for (j, wy) in wy.into_iter().enumerate() {
-        let row = if inside {
-            let taps = &plane.row(y0 as usize + j)[x0 as usize..][..4];
-            taps[0] * wx[0] + taps[1] * wx[1] + taps[2] * wx[2] + taps[3] * wx[3]
-        } else {
-            let at = |i: isize| plane.clamped(x0 + i, y0 + j as isize);
-            at(0) * wx[0] + at(1) * wx[1] + at(2) * wx[2] + at(3) * wx[3]
-        };
-        sum += row * wy;
-    }
-    sum
-}
-
-/// Catmull–Rom weights of the four taps around a position `t` in [0, 1) after the second.
-fn weights(t: f32) -> [f32; 4] {
-    let (t2, t3) = (t * t, t * t * t);
-    [-0.5 * t3 + t2 - 0.5 * t, 1.5 * t3 - 2.5 * t2 + 1.0, -1.5 * t3 + 2.0 * t2 + 0.5 * t, 0.5 * t3 - 0.5 * t2]
 }
 
 #[cfg(test)]
@@ -154,7 +128,7 @@ mod tests {
             let canvas = turn(&level, &geometry);
             for (x, y) in [(80, 48), (60, 40), (100, 55)] {
                 let (cx, cy) = geometry.from_level(x as f32 + 0.5, y as f32 + 0.5);
-                assert!((bicubic(&canvas, cx, cy) - level.at(x, y)).abs() < 0.01, "{variant:?} at {x},{y}");
+                assert!((catmull_rom::sample(&canvas, cx, cy) - level.at(x, y)).abs() < 0.01, "{variant:?} at {x},{y}");
             }
         }
     }

@@ -116,7 +116,7 @@ impl Geometry {
     }
 
     /// Canvas position of level position `(x, y)`.
-    #[inline]
+    #[cfg(test)]
     pub fn from_level(&self, x: f32, y: f32) -> (f32, f32) {
         let x = if self.flip { self.level_width as f32 - x } else { x };
         let (dx, dy) = (x - 0.5 * self.level_width as f32, y - 0.5 * self.level_height as f32);

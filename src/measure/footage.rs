@@ -7,7 +7,7 @@ use crate::base::error::{Error, Kind, Result};
 use crate::base::par;
 use crate::flow::field::Field;
 use crate::raster::image::{Plane, Rgb8};
-use crate::raster::resample::{resize, resize_rgb8};
+use crate::raster::resample::{resize, resize_rgb8, shrunk};
 use crate::video::clip::Sink;
 
 /// Long side that videos are measured at unless the caller says otherwise: that of a library clip.
@@ -29,11 +29,11 @@ pub struct Footage {
     /// Contrasts of the moving part, see [`super::continuity`].
     pub(super) contrasts: OnceLock<Vec<f64>>,
     /// Colour patches, see [`super::patches`].
-    pub(super) colours: Kept<Sorted>,
+    pub(super) colours: PerSeed<Sorted>,
     /// Space-time patches, see [`super::patches`].
-    pub(super) dynamics: Kept<Sorted>,
+    pub(super) dynamics: PerSeed<Sorted>,
     /// Powers per band, see [`super::spectrum`].
-    pub(super) levels: Kept<Vec<Vec<f32>>>,
+    pub(super) levels: PerSeed<Vec<Vec<f32>>>,
 }
 
 /// Motion between two consecutive frames, in pixels per frame of the small frames it was estimated on.
@@ -49,15 +49,15 @@ pub(super) struct Pair {
 
 /// What random samples of some seed gave; those of another seed take its place.
 #[derive(Debug)]
-pub(super) struct Kept<T>(Mutex<Option<(u64, Option<Arc<T>>)>>);
+pub(super) struct PerSeed<T>(Mutex<Option<(u64, Option<Arc<T>>)>>);
 
-impl<T> Default for Kept<T> {
+impl<T> Default for PerSeed<T> {
     fn default() -> Self {
         Self(Mutex::new(None))
     }
 }
 
-impl<T> Kept<T> {
+impl<T> PerSeed<T> {
     /// What `make` gives for `seed`, made once.
     pub(super) fn get(&self, seed: u64, make: impl FnOnce() -> Option<T>) -> Option<Arc<T>> {
         // What a panic left behind is whole or not there.
@@ -204,13 +204,6 @@ impl Sink for Recorder {
     fn finish(self: Box<Self>) -> Result<()> {
         Ok(())
     }
-}
-
-/// `size` shrunk to a long side of at most `long` pixels.
-pub fn shrunk((width, height): (usize, usize), long: usize) -> (usize, usize) {
-    let ratio = (long as f64 / width.max(height).max(1) as f64).min(1.0);
-    let of = |side: usize| ((side as f64 * ratio).round() as usize).max(1);
-    (of(width), of(height))
 }
 
 #[cfg(test)]

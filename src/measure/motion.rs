@@ -1,14 +1,14 @@
 //! Motion measured on the video itself.
 
 use super::definition::{Better, Measure};
-use super::footage::{Footage, Pair, shrunk, spread};
+use super::footage::{Footage, Pair, spread};
 use super::nodes::activity;
 use super::subject::Subject;
 use crate::base::par;
 use crate::flow::field::Field;
 use crate::flow::tv_l1::{Params, TvL1};
 use crate::raster::image::Plane;
-use crate::raster::resample::resize;
+use crate::raster::resample::{resize, shrunk};
 
 /// Long side of the frames that motion is estimated on, pixels.
 const FLOW_SIDE: usize = 320;

@@ -2,12 +2,11 @@
 
 use std::path::Path;
 
-use super::footage::shrunk;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::text::counted;
 use crate::raster::image::Rgb8;
-use crate::raster::resample::resize_rgb8;
+use crate::raster::resample::{resize_rgb8, shrunk};
 use crate::video::clip::Pixels;
 use crate::video::conform::scale::to_rgb8;
 use crate::video::conform::{ConformOptions, Conformed};

@@ -97,20 +97,18 @@ pub trait Space: Clone + Copy + Default + std::fmt::Debug + PartialEq + Send + S
 /// sRGB-encoded red, green, blue in [0, 1]: the crate's working space unless said otherwise.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Srgb;
-/// Linear-light red, green, blue.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Linear;
-/// CIE L*a*b* (D65): L in [0, 100].
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub struct Lab;
 /// Signed differences of sRGB-encoded values, in [-1, 1].
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct Difference;
 
 impl Space for Srgb {}
-impl Space for Linear {}
-impl Space for Lab {}
 impl Space for Difference {}
+
+/// Luma of encoded red, green and blue, Rec. 709 weights.
+#[inline(always)]
+pub fn luma([red, green, blue]: [f32; 3]) -> f32 {
+    0.2126 * red + 0.7152 * green + 0.0722 * blue
+}
 
 /// Three planes of equal size in colour space `S`.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -157,7 +155,7 @@ impl Color<Srgb> {
     pub fn luma(&self) -> Plane {
         let [r, g, b] = &self.planes;
         let data = r.data.iter().zip(&g.data).zip(&b.data);
-        Plane::from_vec(r.width, r.height, data.map(|((r, g), b)| 0.2126 * r + 0.7152 * g + 0.0722 * b).collect())
+        Plane::from_vec(r.width, r.height, data.map(|((r, g), b)| luma([*r, *g, *b])).collect())
     }
 
     /// Rounded to 8 bits, clamped to [0, 1] first.
@@ -206,7 +204,7 @@ impl Rgb8 {
 
     /// Luma in [0, 1], Rec. 709 weights on the encoded values.
     pub fn luma(&self) -> Plane {
-        let luma = |p: &[u8]| (0.2126 * f32::from(p[0]) + 0.7152 * f32::from(p[1]) + 0.0722 * f32::from(p[2])) / 255.0;
+        let luma = |p: &[u8]| luma([p[0], p[1], p[2]].map(f32::from)) / 255.0;
         Plane::from_vec(self.width, self.height, self.data.chunks_exact(3).map(luma).collect())
     }
 }

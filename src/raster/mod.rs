@@ -1,5 +1,6 @@
 //! Images in memory, the filters on them, and single pictures in files.
 
+pub mod catmull_rom;
 pub mod components;
 pub mod exr_file;
 pub mod filter;

@@ -9,7 +9,7 @@ use std::path::Path;
 
 use image::{DynamicImage, ImageDecoder, ImageError, ImageReader, metadata::Orientation};
 
-use super::image::{Plane, Rgb8};
+use super::image::{Plane, Rgb8, luma};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::{atomic_file, own_file};
 
@@ -55,7 +55,7 @@ fn grey(image: DynamicImage) -> Plane {
         DynamicImage::ImageLuma8(grey) => grey.into_raw().into_iter().map(|v| f32::from(v) / 255.0).collect(),
         DynamicImage::ImageLuma16(grey) => grey.into_raw().into_iter().map(unit).collect(),
         colour => {
-            let grey = |[r, g, b, a]: [f32; 4]| (0.2126 * r + 0.7152 * g + 0.0722 * b) * a;
+            let grey = |[r, g, b, a]: [f32; 4]| luma([r, g, b]) * a;
             colour.into_rgba16().pixels().map(|p| grey(p.0.map(unit)).clamp(0.0, 1.0)).collect()
         }
     };

@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use macro_rules_attribute::apply;
 
+use super::catmull_rom::kernel_f32;
 use super::image::{Color, Plane, Rgb8, Space};
 use crate::base::instructions::kernel;
 use crate::base::par;
@@ -12,18 +13,6 @@ use crate::base::par;
 struct Taps {
     first: usize,
     weights: Vec<f32>,
-}
-
-/// Catmull–Rom cubic.
-fn cubic(x: f32) -> f32 {
-    let x = x.abs();
-    if x < 1.0 {
-        (1.5 * x - 2.5) * x * x + 1.0
-    } else if x < 2.0 {
-        ((-0.5 * x + 2.5) * x - 4.0) * x + 2.0
-    } else {
-        0.0
-    }
 }
 
 /// Catmull–Rom taps for every output sample, widened when shrinking; weights outside the input go to the border.
@@ -38,13 +27,20 @@ fn taps(input: usize, output: usize) -> Vec<Taps> {
         let first = low.clamp(0, last);
         let mut weights = vec![0.0; (high.clamp(0, last) - first + 1) as usize];
         for i in low..=high {
-            weights[(i.clamp(0, last) - first) as usize] += cubic((i as f32 + 0.5 - centre) / widen);
+            weights[(i.clamp(0, last) - first) as usize] += kernel_f32((i as f32 + 0.5 - centre) / widen);
         }
         let sum: f32 = weights.iter().sum();
         weights.iter_mut().for_each(|w| *w /= sum);
         Taps { first: first as usize, weights }
     };
     (0..output).map(at).collect()
+}
+
+/// A size shrunk to a long side of at most `long` pixels, and never enlarged.
+pub fn shrunk((width, height): (usize, usize), long: usize) -> (usize, usize) {
+    let ratio = (long as f64 / width.max(height).max(1) as f64).min(1.0);
+    let of = |side: usize| ((side as f64 * ratio).round() as usize).max(1);
+    (of(width), of(height))
 }
 
 /// Resizes a plane to `width` × `height` with a Catmull–Rom kernel, widened when shrinking (antialiased). Values may

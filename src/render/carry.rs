@@ -17,6 +17,7 @@ use crate::base::instructions::kernel;
 use crate::base::{par, rng};
 use crate::flow::field::Field;
 use crate::library::variant::CELL;
+use crate::raster::catmull_rom;
 use crate::raster::filter::gaussian;
 use crate::raster::image::Plane;
 use crate::raster::resample::{Resizer, resize};
@@ -126,7 +127,7 @@ impl Carried {
     fn detail(&self, x: f32, y: f32) -> [f32; 3] {
         let (fx, fy) = (x - 0.5, y - 0.5);
         let (x0, y0) = (fx.floor(), fy.floor());
-        let (wx, wy) = (taps(fx - x0), taps(fy - y0));
+        let (wx, wy) = (catmull_rom::weights(fx - x0), catmull_rom::weights(fy - y0));
         let (x0, y0) = (x0 as isize - 1, y0 as isize - 1);
         let mut sum = [0.0f32; 4];
         for (j, wy) in wy.into_iter().enumerate() {
@@ -243,13 +244,6 @@ fn row(carried: &Carried, from: (usize, usize), copies: [[&[f32]; 3]; 2], matte:
         let mixed: [f32; 3] = std::array::from_fn(|c| f32::from(own[c]) + moving * (sum[c] - f32::from(own[c])));
         [*red, *green, *blue] = mixed;
     }
-}
-
-/// Catmull–Rom weights of the four neighbours for a fraction `t`.
-#[inline(always)]
-fn taps(t: f32) -> [f32; 4] {
-    let (t2, t3) = (t * t, t * t * t);
-    [0.5 * (2.0 * t2 - t3 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (4.0 * t2 - 3.0 * t3 + t), 0.5 * (t3 - t2)]
 }
 
 /// Where in its period a cell is in frame 0: smooth over the picture, for a leap would tear it.

@@ -18,7 +18,7 @@ use super::layout::BANDS;
 use crate::base::instructions::kernel;
 use crate::base::par;
 use crate::raster::filter::gaussian;
-use crate::raster::image::{Color, Difference, Plane, Rgb8};
+use crate::raster::image::{Color, Difference, Plane, Rgb8, luma};
 use crate::raster::pyramid::{collapse, laplacian};
 use crate::raster::resample::Resizer;
 
@@ -306,8 +306,7 @@ impl Strip {
         let coarse = resizer.window(working, self.x.clone(), self.y.clone());
         let places = self.y.clone().flat_map(|y| self.x.clone().map(move |x| (x, y)));
         let fine = |(((x, y), coarse), m): (((usize, usize), &f32), &u8)| {
-            let [r, g, b] = picture.pixel(x, y).map(f32::from);
-            let luma = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+            let luma = luma(picture.pixel(x, y).map(f32::from));
             (f32::from(*m) * (1.0 / 255.0) * (luma - 255.0 * coarse)).round() as i8
         };
         places.zip(&coarse.data).zip(&self.matte).map(fine).collect()
@@ -353,8 +352,7 @@ fn compress(differences: &mut [f32], base: &[Vec<u16>; 3], limit: &[i16]) {
     let [r, g, b] = base;
     let colours = r.iter().zip(g).zip(b);
     for ((d, ((r, g), b)), limit) in differences.iter_mut().zip(colours).zip(limit) {
-        let [r, g, b] = [r, g, b].map(|c| f32::from(*c) * (1.0 / COLOUR_STEPS));
-        let luma = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        let luma = luma([r, g, b].map(|c| f32::from(*c) * (1.0 / COLOUR_STEPS)));
         let room = if *d < 0.0 { luma } else { 1.0 - luma } + HEADROOM;
         let limit = f32::from(*limit) * (1.0 / STEPS);
         *d /= (1.0 + *d * *d * (1.0 / (room * room) + 1.0 / (limit * limit))).sqrt();

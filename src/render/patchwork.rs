@@ -1,10 +1,10 @@
 //! Squares of one clip, turned, as one plane over the picture.
 
-use super::sample::cubic;
 use crate::assign::nodes::{NodeGrid, STRIDE};
 use crate::assign::turned::Turned;
 use crate::base::par;
 use crate::library::variant::PIECE;
+use crate::raster::catmull_rom;
 use crate::raster::image::Plane;
 
 /// Displacement at which two pieces of footage are no longer the same, pixels: their fine detail is unlike then.
@@ -54,7 +54,7 @@ impl<'a> Patchwork<'a> {
 
     fn read(&self, plane: &Plane, footage: &Turned, x: usize, y: usize) -> f32 {
         let (sx, sy) = footage.place(x as f32 + 0.5, y as f32 + 0.5);
-        cubic(plane, sx, sy)
+        catmull_rom::sample(plane, sx, sy)
     }
 
     /// One over the contrast that the weighted sum has where every piece has contrast 1.

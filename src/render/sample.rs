@@ -5,6 +5,7 @@ use macro_rules_attribute::apply;
 use super::layout::Placement;
 use crate::base::instructions::kernel;
 use crate::library::variant::Geometry;
+use crate::raster::catmull_rom;
 use crate::raster::image::Plane;
 
 /// A rectangle of a band's canvas, and where in the band of the level each of its pixels lies.
@@ -121,38 +122,9 @@ fn sample_row(band: &Plane, map: Map, j: usize, weights: &[f32], out: &mut [f32]
     for (i, (o, &w)) in out.iter_mut().zip(weights).enumerate() {
         if w != 0.0 {
             let (x, y) = map.at(i, j);
-            *o += w * cubic(band, x, y);
+            *o += w * catmull_rom::sample(band, x, y);
         }
     }
-}
-
-/// Catmull–Rom value at `(x, y)`, centres at ½, borders clamped: bilinear reading would dull the finest band.
-#[inline(always)]
-pub fn cubic(plane: &Plane, x: f32, y: f32) -> f32 {
-    let (fx, fy) = (x - 0.5, y - 0.5);
-    let (x0, y0) = (fx.floor(), fy.floor());
-    let (wx, wy) = (taps(fx - x0), taps(fy - y0));
-    let (x0, y0) = (x0 as isize - 1, y0 as isize - 1);
-    let inside = x0 >= 0 && y0 >= 0 && x0 + 4 <= plane.width as isize && y0 + 4 <= plane.height as isize;
-    let mut sum = 0.0;
-    for (j, wy) in wy.iter().enumerate() {
-        let row: [f32; 4] = if inside {
-            let start = (y0 as usize + j) * plane.width + x0 as usize;
-            let row = &plane.data[start..start + 4];
-            [row[0], row[1], row[2], row[3]]
-        } else {
-            std::array::from_fn(|i| plane.clamped(x0 + i as isize, y0 + j as isize))
-        };
-        sum += wy * (row[0] * wx[0] + row[1] * wx[1] + row[2] * wx[2] + row[3] * wx[3]);
-    }
-    sum
-}
-
-/// Catmull–Rom weights of the four neighbours for a fraction `t`.
-#[inline(always)]
-fn taps(t: f32) -> [f32; 4] {
-    let (t2, t3) = (t * t, t * t * t);
-    [0.5 * (2.0 * t2 - t3 - t), 0.5 * (3.0 * t3 - 5.0 * t2 + 2.0), 0.5 * (4.0 * t2 - 3.0 * t3 + t), 0.5 * (t3 - t2)]
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! A plane carried one frame along a flow that does not change.
 
-use super::sample::cubic;
 use crate::base::par;
 use crate::flow::field::Field;
+use crate::raster::catmull_rom;
 use crate::raster::image::Plane;
 
 /// What flows in over the border of a plane.
@@ -43,7 +43,7 @@ impl Transport {
         let mut out = Plane::zeros(plane.width, plane.height);
         par::for_each_chunk(&mut out.data, self.width.max(1), |y, row| {
             let places = &self.places[y * self.width..][..row.len()];
-            row.iter_mut().zip(places).for_each(|(v, p)| *v = p.map_or(0.0, |(x, y)| cubic(plane, x, y)));
+            row.iter_mut().zip(places).for_each(|(v, p)| *v = p.map_or(0.0, |(x, y)| catmull_rom::sample(plane, x, y)));
         });
         out
     }

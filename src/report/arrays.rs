@@ -131,14 +131,24 @@ mod tests {
     use ndarray::{Array3, array};
 
     fn node(x: usize, y: usize, piece: u16) -> NodeRecord {
-        let piece =
-            PieceRef { clip: ClipId([0xab; 32]), variant: Variant::from_index(3).unwrap(), x: piece, y: 8 };
-        NodeRecord { x, y, library: 1, piece, motion: (1.5, -0.5), activity: 2.0, rate: 1.0, asked: None, asked_speed: None }
+        let piece = PieceRef { clip: ClipId([0xab; 32]), variant: Variant::from_index(3).unwrap(), x: piece, y: 8 };
+        NodeRecord {
+            x,
+            y,
+            library: 1,
+            piece,
+            motion: (1.5, -0.5),
+            activity: 2.0,
+            rate: 1.0,
+            asked: None,
+            asked_speed: None,
+        }
     }
 
     #[test]
     fn nodes_lie_in_rows_and_columns_and_equal_pieces_have_equal_numbers() {
-        let assignment = AssignmentRecord { nodes: vec![node(24, 0, 40), node(0, 24, 4), node(48, 24, 40)], ..Default::default() };
+        let assignment =
+            AssignmentRecord { nodes: vec![node(24, 0, 40), node(0, 24, 4), node(48, 24, 40)], ..Default::default() };
         let record = RunRecord { assignment: Some(assignment), working_size: (96, 70), ..RunRecord::default() };
         let (labels, entries) = nodes(&record).unwrap();
         assert_eq!(labels, array![[-1, 1, -1], [0, -1, 1]]);

@@ -1,7 +1,9 @@
 //! Things made to be looked at: contact sheets, the page of a run, the gallery page of a library, the measures of a run,
 //! and the page that shows methods beside each other.
 
+pub mod animate;
 pub mod arrays;
+pub mod beside;
 pub mod comparison;
 pub mod contact_sheet;
 pub mod gallery;

@@ -2,6 +2,7 @@
 
 use crate::base::error::{Error, Kind, Result};
 use crate::library::variant::PIECE;
+use crate::raster::resample::shrunk;
 
 /// Position in pixels of the picture file, centres at ½.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,7 +69,7 @@ impl FrameMap {
 
     /// Sizes, however small.
     fn shaped(picture: (usize, usize), size: Option<[usize; 2]>, working_long: usize) -> Result<Self> {
-        let (working, output) = (fit(picture, working_long), fit(picture, DEFAULT_LONG_SIDE));
+        let (working, output) = (shrunk(picture, working_long), shrunk(picture, DEFAULT_LONG_SIDE));
         let output = size.map_or(output, |[w, h]| (w, h));
         // Two pixels of rounding on the one side or the other: of a narrow picture, the short side rounds coarsely.
         let shape = picture.1 as f64 / picture.0 as f64;
@@ -104,8 +105,8 @@ impl FrameMap {
 /// Output size of a quick look: a quarter of the `size` asked for (or of the default), with a long side of
 /// [`PREVIEW_LONG_SIDE`] pixels at least where the output has that many.
 pub fn preview_size(picture: (usize, usize), size: Option<[usize; 2]>) -> [usize; 2] {
-    let output = size.map_or(fit(picture, DEFAULT_LONG_SIDE), |[w, h]| (w, h));
-    let (width, height) = fit(output, (output.0.max(output.1) / 4).max(PREVIEW_LONG_SIDE));
+    let output = size.map_or(shrunk(picture, DEFAULT_LONG_SIDE), |[w, h]| (w, h));
+    let (width, height) = shrunk(output, (output.0.max(output.1) / 4).max(PREVIEW_LONG_SIDE));
     [width, height]
 }
 
@@ -120,16 +121,6 @@ pub fn preview_working(picture: (usize, usize), working: usize) -> usize {
 const PREVIEW_WORKING: usize = 320;
 /// Smallest long side of a quick look.
 const PREVIEW_LONG_SIDE: usize = 240;
-
-/// `size` shrunk to a long side of at most `long` pixels.
-fn fit((w, h): (usize, usize), long: usize) -> (usize, usize) {
-    let ratio = long as f64 / w.max(h) as f64;
-    if ratio >= 1.0 {
-        return (w, h);
-    }
-    let of = |v: usize| ((v as f64 * ratio).round() as usize).max(1);
-    (of(w), of(h))
-}
 
 #[cfg(test)]
 mod tests {

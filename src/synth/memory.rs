@@ -2,6 +2,7 @@
 
 use crate::base::error::{Error, Kind, Result};
 use crate::base::par;
+use crate::base::text::megabytes;
 use crate::scene::scene::Scene;
 
 /// Bytes allowed when nothing is said.
@@ -82,9 +83,4 @@ fn frame_bytes(scene: &Scene, bands: usize) -> u64 {
 
 fn pixels((width, height): (usize, usize)) -> u64 {
     width as u64 * height as u64
-}
-
-/// "12 MB".
-pub(super) fn megabytes(bytes: u64) -> String {
-    format!("{} MB", bytes.div_ceil(1_000_000))
 }

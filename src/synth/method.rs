@@ -76,6 +76,8 @@ pub struct MethodEntry {
     pub options: fn() -> Vec<Declared>,
     /// All option values that a table stands for, defaults included.
     pub complete: fn(&Table) -> Result<Table>,
+    /// Shrinks its options for a quick look; those that a person set stay.
+    pub preview: fn(&mut Table),
     /// Makes it from an option table.
     pub build: fn(&Table) -> Result<Box<dyn Synthesizer>>,
 }

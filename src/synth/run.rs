@@ -14,37 +14,99 @@ use crate::scene::file::{self, SceneFile};
 use crate::scene::scene::Scene;
 use crate::video::clip::Sink;
 
-/// The entry of a scene's method, after checking every option table of the scene; the scene gets its method's name and
-/// every option value, defaults included, so that what it writes repeats the run.
+/// A scene of which the method is known and every option has its value, so that what it writes repeats the run.
+pub struct PreparedScene {
+    scene: Scene,
+    method: &'static MethodEntry,
+}
+
+impl PreparedScene {
+    /// Checks every option table of the scene, and gives it its method's name and every option value, defaults included.
+    ///
+    /// # Errors
+    /// Unknown methods and tables (naming the nearest), unknown or bad options; a designed target for a method that takes
+    /// none; more exemplars than it takes.
+    pub fn new(mut scene: Scene) -> Result<Self> {
+        check_options(&scene.settings().options)?;
+        let name = method_of(scene.settings());
+        let method = entry(&name).ok_or_else(|| {
+            let names: Vec<&str> = REGISTRY.iter().map(|m| m.name).collect();
+            Error::new(Kind::Usage, "method", format!("no method {name:?}")).allowed(names.join(", "))
+        })?;
+        if scene.designed().is_some() && !method.designed {
+            let takers: Vec<&str> = REGISTRY.iter().filter(|m| m.designed).map(|m| m.name).collect();
+            let problem = format!("{name} animates a picture and takes no designed [target]");
+            return Err(Error::new(Kind::Usage, "method", problem)
+                .allowed(format!("a method that does: {}", takers.join(", "))));
+        }
+        let given = scene.settings().exemplars.len();
+        if method.exemplars > 0 && given > method.exemplars {
+            let takes = format!("{name} borrows from {}", counted(method.exemplars as u64, "exemplar"));
+            return Err(Error::new(Kind::Usage, "exemplars", format!("{takes}, and {given} are named"))
+                .remedy("name fewer, or another method"));
+        }
+        let table = (method.complete)(&scene.options(method.name))?;
+        scene.set_options(method.name, table);
+        Ok(Self { scene, method })
+    }
+
+    /// The scene as it is run.
+    pub fn scene(&self) -> &Scene {
+        &self.scene
+    }
+
+    /// The same, to be taken.
+    pub fn into_scene(self) -> Scene {
+        self.scene
+    }
+
+    /// Animates it with its method: opens its libraries, makes all frames and pushes them to `sink`, which the caller made
+    /// with [`Scene::frame_map`]`().output` as its size, and finishes.
+    ///
+    /// # Errors
+    /// Those of the method, the libraries and the sink; nothing is left half-written.
+    pub fn run(&mut self, sink: &mut dyn Sink, observer: &dyn Observer) -> Result<Outcome> {
+        let Self { scene, method } = self;
+        let synthesizer = (method.build)(&scene.options(method.name))?;
+        let sources = Sources::open(scene)?;
+        let timed = Timed::new(observer);
+        note_unused(method, scene.settings(), &timed);
+        let names = sources.names(&timed);
+        scene.leave_out(by_hash(&scene.settings().without, &names));
+        let mut outcome = synthesizer.synthesize(scene, &sources, sink, &timed)?;
+        outcome.record.finish(scene, &timed);
+        outcome.record.name_clips(&names);
+        Ok(outcome)
+    }
+}
+
+/// Animates a scene with the method that it names, see [`PreparedScene`].
 ///
 /// # Errors
-/// Unknown methods and tables (naming the nearest), unknown or bad options; a designed target for a method that takes
-/// none; more exemplars than it takes.
-pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
-    check_options(&scene.settings().options)?;
-    let names: Vec<&str> = REGISTRY.iter().map(|m| m.name).collect();
-    let usual = if scene.designed().is_some() { DESIGNED_METHOD } else { DEFAULT_METHOD };
-    let name = scene.settings().method.clone().unwrap_or_else(|| usual.to_owned());
-    let method = REGISTRY
-        .iter()
-        .find(|m| m.name == name)
-        .ok_or_else(|| Error::new(Kind::Usage, "method", format!("no method {name:?}")).allowed(names.join(", ")))?;
-    if scene.designed().is_some() && !method.designed {
-        let takers: Vec<&str> = REGISTRY.iter().filter(|m| m.designed).map(|m| m.name).collect();
-        let problem = format!("{name} animates a picture and takes no designed [target]");
-        return Err(
-            Error::new(Kind::Usage, "method", problem).allowed(format!("a method that does: {}", takers.join(", ")))
-        );
+/// Those of [`PreparedScene::new`] and [`PreparedScene::run`].
+pub fn run(scene: &Scene, sink: &mut dyn Sink, observer: &dyn Observer) -> Result<Outcome> {
+    PreparedScene::new(scene.clone())?.run(sink, observer)
+}
+
+/// Name of a scene's method: the one that is asked for, or the usual one.
+fn method_of(file: &SceneFile) -> String {
+    let usual = if file.target.is_some() { DESIGNED_METHOD } else { DEFAULT_METHOD };
+    file.method.clone().unwrap_or_else(|| usual.to_owned())
+}
+
+fn entry(name: &str) -> Option<&'static MethodEntry> {
+    REGISTRY.iter().find(|method| method.name == name)
+}
+
+/// Shrinks the options of a scene's method for a quick look; those that a person set stay.
+pub fn shrink_options(file: &mut SceneFile) {
+    let name = method_of(file);
+    let Some(method) = entry(&name) else { return };
+    let mut table = file.options.remove(&name).unwrap_or_default();
+    (method.preview)(&mut table);
+    if !table.is_empty() {
+        file.options.insert(name, table);
     }
-    let given = scene.settings().exemplars.len();
-    if method.exemplars > 0 && given > method.exemplars {
-        let takes = format!("{name} borrows from {}", counted(method.exemplars as u64, "exemplar"));
-        return Err(Error::new(Kind::Usage, "exemplars", format!("{takes}, and {given} are named"))
-            .remedy("name fewer, or another method"));
-    }
-    let table = (method.complete)(&scene.options(method.name))?;
-    scene.set_options(method.name, table);
-    Ok(method)
 }
 
 /// Checks the option tables of methods, by their names.
@@ -54,29 +116,9 @@ pub fn resolve(scene: &mut Scene) -> Result<&'static MethodEntry> {
 pub fn check_options(options: &BTreeMap<String, Table>) -> Result<()> {
     let tables: Vec<&str> = REGISTRY.iter().map(|m| m.name).chain(file::KEYS).collect();
     options.iter().try_for_each(|(name, table)| {
-        let method = REGISTRY.iter().find(|m| m.name == name).ok_or_else(|| unknown("", name, &tables))?;
+        let method = entry(name).ok_or_else(|| unknown("", name, &tables))?;
         (method.complete)(table).map(drop)
     })
-}
-
-/// Animates a scene with its method: opens its libraries, makes all frames and pushes them to `sink`, which the caller
-/// made with [`Scene::frame_map`]`().output` as its size, and finishes. Call [`resolve`] first.
-///
-/// # Errors
-/// Those of the method, the libraries and the sink; nothing is left half-written.
-pub fn run(scene: &Scene, sink: &mut dyn Sink, observer: &dyn Observer) -> Result<Outcome> {
-    let mut checked = scene.clone();
-    let method = resolve(&mut checked)?;
-    let synthesizer = (method.build)(&checked.options(method.name))?;
-    let sources = Sources::open(&checked)?;
-    let timed = Timed::new(observer);
-    note_unused(method, scene.settings(), &timed);
-    let names = sources.names(&timed);
-    checked.leave_out(by_hash(&scene.settings().without, &names));
-    let mut outcome = synthesizer.synthesize(&checked, &sources, sink, &timed)?;
-    outcome.record.finish(&checked, &timed);
-    outcome.record.name_clips(&names);
-    Ok(outcome)
 }
 
 /// Says what the method makes no use of.

@@ -10,7 +10,7 @@
 use crate::base::error::{Error, Kind, Result};
 use crate::base::par;
 use crate::raster::image::Plane;
-use crate::raster::resample::resize;
+use crate::raster::resample::{resize, shrunk};
 
 /// Long side of a thumbnail, in pixels.
 const THUMBNAIL_SIDE: usize = 64;
@@ -33,9 +33,8 @@ const SOFTENED_SHARE: f32 = 0.25;
 
 /// Luma shrunk to 64 pixels on the long side, to compare frames by.
 pub fn thumbnail(luma: &Plane) -> Plane {
-    let scale = (THUMBNAIL_SIDE as f64 / luma.width.max(luma.height).max(1) as f64).min(1.0);
-    let shrunk = |size: usize| ((size as f64 * scale).round() as usize).max(1);
-    resize(luma, shrunk(luma.width), shrunk(luma.height))
+    let (width, height) = shrunk((luma.width, luma.height), THUMBNAIL_SIDE);
+    resize(luma, width, height)
 }
 
 /// Mean squared differences between all pairs of frames of a clip.

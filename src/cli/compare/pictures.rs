@@ -26,7 +26,7 @@ const LONG_SIDE: usize = 640;
 const DIMMED: (f32, f32) = (0.12, 0.4);
 
 /// A picture: its name, what it shows, and its pixels.
-type Shown = (Cow<'static, str>, String, Rgb8);
+type Captioned = (Cow<'static, str>, String, Rgb8);
 
 /// Writes the scene's pictures into its folder, and tells where each is, as seen from the page, and what it shows. What
 /// cannot be read is noted: the rows that need it tell the rest.
@@ -51,7 +51,7 @@ pub fn write(planned: &PlannedScene, output: &Path, observer: &dyn Observer) -> 
     Ok(written)
 }
 
-fn scene(planned: &PlannedScene) -> Result<Vec<Shown>> {
+fn scene(planned: &PlannedScene) -> Result<Vec<Captioned>> {
     let scene = Scene::new(planned.file.clone())?;
     let still = scene.still(&Silent)?;
     let settings = scene.settings();
@@ -67,7 +67,7 @@ fn scene(planned: &PlannedScene) -> Result<Vec<Shown>> {
 }
 
 /// The picture, its matte, and the motion asked for.
-fn pictured(scene: &Scene, still: &Still) -> Result<Vec<Shown>> {
+fn pictured(scene: &Scene, still: &Still) -> Result<Vec<Captioned>> {
     let picture = small(&still.picture);
     let moves = motion_asked(scene, still, &picture)?;
     let mut caption = "The picture.".to_owned();
@@ -116,7 +116,7 @@ fn motion_asked(scene: &Scene, still: &Still, picture: &Rgb8) -> Result<Option<(
 }
 
 /// A target's opacity and motion in the middle of its frames.
-fn designed(target: &Designed, frames: usize) -> Result<Vec<Shown>> {
+fn designed(target: &Designed, frames: usize) -> Result<Vec<Captioned>> {
     let t = frames / 2;
     // A small one is enlarged, so that there is room for arrows.
     let (width, height) = sized_to(target.size, f32::INFINITY);
@@ -131,7 +131,7 @@ fn designed(target: &Designed, frames: usize) -> Result<Vec<Shown>> {
     Ok(shown)
 }
 
-fn exemplar(planned: &PlannedScene) -> Result<Vec<Shown>> {
+fn exemplar(planned: &PlannedScene) -> Result<Vec<Captioned>> {
     let fps = planned.file.output.fps;
     let reading = Reading { long_side: LONG_SIDE, picture_side: LONG_SIDE, limit: 2, fps, fade: 0, room: None };
     let exemplars = &planned.file.exemplars;
@@ -148,7 +148,7 @@ fn exemplar(planned: &PlannedScene) -> Result<Vec<Shown>> {
     exemplars.iter().zip(1..).map(shown).collect()
 }
 
-fn real(planned: &PlannedScene) -> Result<Vec<Shown>> {
+fn real(planned: &PlannedScene) -> Result<Vec<Captioned>> {
     let Some(path) = &planned.file.reference else { return Ok(Vec::new()) };
     let rate = f64::from(planned.file.output.fps);
     let first = Conformed::open(path, &ConformOptions { rate, long_side: LONG_SIDE, ..ConformOptions::default() })?

@@ -16,13 +16,11 @@ use crate::report::yardstick::{Reference, Yardstick};
 use crate::scene::exemplar_file::{ExemplarFile, with_opacities};
 use crate::scene::file::{SceneFile, set};
 use crate::scene::scene::{self, SCENE_FILE, Scene};
-use crate::synth::methods::REGISTRY;
-use crate::synth::run;
+use crate::synth::methods::{PLAIN_METHOD, REGISTRY};
+use crate::synth::run::{self, PreparedScene};
 
 /// Folder of the scenes as they were run.
 const SCENES: &str = "scenes";
-/// The method that shows what needs neither library nor exemplar.
-const PLAIN: &str = "advect";
 
 /// Everything to make.
 pub struct Plan {
@@ -284,8 +282,8 @@ fn cells(file: &SceneFile, scene: &Scene, methods: &[&String], sweeps: &[Sweep])
         cells.push(baseline(file, Sort::Real, "real"));
     }
     // It is shown beside any others, where it can do anything.
-    if !methods.iter().any(|name| *name == PLAIN) && scene.designed().is_none() {
-        cells.push(cell(file, PLAIN, &[])?);
+    if !methods.iter().any(|name| *name == PLAIN_METHOD) && scene.designed().is_none() {
+        cells.push(cell(file, PLAIN_METHOD, &[])?);
     }
     for method in methods {
         for point in points(method, sweeps) {
@@ -330,7 +328,7 @@ fn cell(file: &SceneFile, method: &str, point: &[(&str, &str)]) -> Result<Cell> 
     run::check_options(&file.options)?;
     let point: Vec<_> = point.iter().map(|(key, value)| ((*key).to_owned(), (*value).to_owned())).collect();
     // Whoever sweeps it wants to know about it.
-    let baseline = method == PLAIN && point.is_empty();
+    let baseline = method == PLAIN_METHOD && point.is_empty();
     Ok(Cell { stem: plain(&name), name, sort: Sort::Method, file, point, baseline, shuffles: None })
 }
 
@@ -374,11 +372,11 @@ impl Cell {
     /// The scene with every option that counts, defaults included, and no others.
     ///
     /// # Errors
-    /// Those of [`Scene::new`] and [`run::resolve`].
+    /// Those of [`Scene::new`] and [`PreparedScene::new`].
     pub fn settings(&self) -> Result<SceneFile> {
         let mut scene = Scene::new(self.file.clone())?;
         if self.file.method.is_some() {
-            run::resolve(&mut scene)?;
+            scene = PreparedScene::new(scene)?.into_scene();
         }
         let method = scene.settings().method.clone().unwrap_or_default();
         let mut file = scene.settings().clone();

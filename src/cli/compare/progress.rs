@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use super::plan::{Cell, PlannedScene};
+use crate::base::text::rough_duration;
 
 /// A row to make, as far as it tells about time.
 pub struct Task {
@@ -39,8 +40,8 @@ impl Progress {
         let (sum, guessed) = known.fold((0.0, 0), |(sum, n), s| (sum + s.unwrap_or(0.0), n + usize::from(s.is_none())));
         let left = match guessed {
             _ if sum < 1.0 => String::new(),
-            0 => format!(", about {} left", duration(sum)),
-            _ => format!(", at least {} left", duration(sum)),
+            0 => format!(", about {} left", rough_duration(sum)),
+            _ => format!(", at least {} left", rough_duration(sum)),
         };
         format!("[{number}/{}{left}]", self.all)
     }
@@ -51,15 +52,6 @@ impl Progress {
             let sums = self.taken.entry(task.what).or_default();
             *sums = (sums.0 + seconds, sums.1 + task.effort);
         }
-    }
-}
-
-/// A time as people say it.
-fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 90.0 => format!("{s:.0} s"),
-        s if s < 5400.0 => format!("{:.0} min", s / 60.0),
-        s => format!("{:.1} h", s / 3600.0),
     }
 }
 
@@ -79,6 +71,6 @@ mod tests {
         assert_eq!(progress.place(), "[5/6, about 2 min left]");
         progress.done(20.0);
         assert_eq!(progress.place(), "[6/6, about 2 min left]");
-        assert_eq!(duration(10_000.0), "2.8 h");
+        assert_eq!(rough_duration(10_000.0), "2.8 h");
     }
 }

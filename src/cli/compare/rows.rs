@@ -9,7 +9,7 @@ use super::plan::{Cell, PlannedScene};
 use super::{baselines, kept};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
-use crate::cli::animate::animate;
+use crate::report::animate::animate;
 use crate::report::comparison::{Row, Sort};
 use crate::report::measuring::{Measuring, Request};
 use crate::report::yardstick::Yardstick;

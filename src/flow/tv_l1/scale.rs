@@ -1,6 +1,7 @@
 //! Resampling between pyramid levels, with weights computed once from plain arithmetic.
 
 use super::iterate::State;
+use crate::raster::catmull_rom;
 
 /// Interpolation weights of one axis.
 #[derive(Debug, Clone, Default)]
@@ -26,7 +27,7 @@ impl Axis {
             let mut weights = vec![0.0f64; taps];
             for i in low..=high {
                 let place = i.clamp(0, input as isize - 1) - first;
-                weights[place.clamp(0, taps as isize - 1) as usize] += cubic((i as f64 - centre) / widen);
+                weights[place.clamp(0, taps as isize - 1) as usize] += catmull_rom::kernel((i as f64 - centre) / widen);
             }
             let sum: f64 = weights.iter().sum();
             axis.firsts.push(first as usize);
@@ -41,17 +42,6 @@ impl Axis {
 
     fn taps(&self, o: usize) -> (usize, &[f32]) {
         (self.firsts[o], &self.weights[o * self.taps..(o + 1) * self.taps])
-    }
-}
-
-fn cubic(x: f64) -> f64 {
-    let x = x.abs();
-    if x < 1.0 {
-        (1.5 * x - 2.5) * x * x + 1.0
-    } else if x < 2.0 {
-        ((-0.5 * x + 2.5) * x - 4.0) * x + 2.0
-    } else {
-        0.0
     }
 }
 

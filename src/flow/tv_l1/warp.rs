@@ -4,6 +4,7 @@ use macro_rules_attribute::apply;
 
 use super::iterate::State;
 use crate::base::instructions::kernel;
+use crate::raster::catmull_rom::weights_and_slopes;
 
 /// Border of a [`Padded`] frame, pixels on every side.
 const BORDER: usize = 3;
@@ -93,7 +94,7 @@ fn place(row: &mut Row, y: f32, u: &[f32], v: &[f32], to: &Padded) {
         let (x0, y0) = (sx.floor(), sy.floor());
         tx[x] = sx - x0;
         start[x] = ((y0 as i32 + (BORDER as i32 - 1)) * stride + (x0 as i32 + (BORDER as i32 - 1))) as u32;
-        let (w, d) = cubic(sy - y0);
+        let (w, d) = weights_and_slopes(sy - y0);
         (w0[x], w1[x], w2[x], w3[x]) = (w[0], w[1], w[2], w[3]);
         (d0[x], d1[x], d2[x], d3[x]) = (d[0], d[1], d[2], d[3]);
     }
@@ -144,7 +145,7 @@ fn combine(
     for x in 0..n {
         let (sx, sy) = (x as f32 + u[x], y + v[x]);
         let inside = (sx >= 0.0) & (sx <= right) & (sy >= 0.0) & (sy <= bottom);
-        let (w, d) = cubic(tx[x]);
+        let (w, d) = weights_and_slopes(tx[x]);
         let (value, dx, dy) = (dot(w, columns[x]), dot(d, columns[x]), dot(w, slopes[x]));
         let own_dx = derivative(along[0][x], along[1][x], along[3][x], along[4][x]);
         let own_dy = derivative(across[0][x], across[1][x], across[3][x], across[4][x]);
@@ -158,19 +159,6 @@ fn combine(
         residual[x] = weight * rest;
         inverse[x] = weight / if square > 1e-9 { square } else { 1e-9 };
     }
-}
-
-/// Catmull–Rom weights of the four taps around a position `t` past the second, and their derivatives.
-#[inline(always)]
-fn cubic(t: f32) -> ([f32; 4], [f32; 4]) {
-    let w = [
-        (((-0.5 * t + 1.0) * t) - 0.5) * t,
-        ((1.5 * t - 2.5) * t) * t + 1.0,
-        (((-1.5 * t + 2.0) * t) + 0.5) * t,
-        ((0.5 * t - 0.5) * t) * t,
-    ];
-    let d = [(-1.5 * t + 2.0) * t - 0.5, (4.5 * t - 5.0) * t, (-4.5 * t + 4.0) * t + 0.5, (1.5 * t - 1.0) * t];
-    (w, d)
 }
 
 #[inline(always)]
@@ -196,7 +184,7 @@ mod tests {
         let at = |frame: &Padded, x: isize, y: isize| frame.row(y)[(x + BORDER as isize) as usize];
         let (sx, sy) = ((x as f32 + u).clamp(-1.0, width), (y as f32 + v).clamp(-1.0, height));
         let (x0, y0) = (sx.floor(), sy.floor());
-        let ((wx, dx), (wy, dy)) = (cubic(sx - x0), cubic(sy - y0));
+        let ((wx, dx), (wy, dy)) = (weights_and_slopes(sx - x0), weights_and_slopes(sy - y0));
         let (mut column, mut slope) = ([0.0f32; 4], [0.0f32; 4]);
         for (i, j) in (0..4).flat_map(|i| (0..4).map(move |j| (i, j))) {
             let tap = at(to, x0 as isize - 1 + j as isize, y0 as isize - 1 + i as isize);

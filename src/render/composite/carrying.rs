@@ -4,7 +4,7 @@ use super::{COLOUR_STEPS, Compositor, Strip};
 use crate::base::par;
 use crate::library::variant::CELL;
 use crate::raster::filter::gaussian;
-use crate::raster::image::{Color, Difference, Plane};
+use crate::raster::image::{self, Color, Difference, Plane};
 use crate::raster::pyramid::{collapse, laplacian};
 use crate::raster::resample::{Resizer, resize};
 use crate::render::carry::{self, Carried, Carry, Moment, Texel};
@@ -161,7 +161,7 @@ fn less(a: &Plane, b: &Plane) -> Plane {
 fn luma(detail: &Color<Difference>) -> Plane {
     let [r, g, b] = &detail.planes;
     let pixels = r.data.iter().zip(&g.data).zip(&b.data);
-    Plane::from_vec(r.width, r.height, pixels.map(|((r, g), b)| 0.2126 * r + 0.7152 * g + 0.0722 * b).collect())
+    Plane::from_vec(r.width, r.height, pixels.map(|((r, g), b)| image::luma([*r, *g, *b])).collect())
 }
 
 /// A Gaussian of width `sigma` within the matte; outside, of what lies near it.

@@ -7,11 +7,12 @@ use super::shots::{Pair, Shots};
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::{self, Observer};
 use crate::base::par;
+use crate::base::text::megabytes;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::picture_io::read_picture;
 use crate::raster::premultiplied::Premultiplied;
+use crate::raster::resample;
 use crate::scene::exemplar_file::ExemplarFile;
-use crate::synth::memory::megabytes;
 
 /// Frames from whose times the rate of a clip is told.
 const TIMED: usize = 12;
@@ -190,10 +191,8 @@ fn every(first: &[Pair], fps: f32, path: &Path, observer: &dyn Observer) -> usiz
 
 /// With a long side of at most `long_side` pixels.
 pub fn shrunk(frame: Premultiplied, long_side: usize) -> Premultiplied {
-    let (width, height) = frame.size();
-    let ratio = long_side as f64 / width.max(height) as f64;
-    let of = |v: usize| ((v as f64 * ratio).round() as usize).max(1);
-    if ratio >= 1.0 { frame } else { frame.resized(of(width), of(height)) }
+    let (width, height) = resample::shrunk(frame.size(), long_side);
+    if (width, height) == frame.size() { frame } else { frame.resized(width, height) }
 }
 
 #[cfg(test)]

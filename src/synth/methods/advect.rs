@@ -44,6 +44,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     designed: false,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.to_table()),
+    preview: |_| {},
     build: |table| Ok(Box::new(Advect { options: Options::from_table(table)? })),
 };
 

@@ -14,5 +14,6 @@ pub const ENTRY: MethodEntry = MethodEntry {
     designed: false,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.checked("database")?.to_table()),
+    preview: Options::shrink,
     build: |table| Ok(Box::new(PieceMethod::new("database", Options::from_table(table)?.checked("database")?, None))),
 };

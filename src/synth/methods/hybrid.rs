@@ -44,6 +44,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
         let (own, shared) = read(table)?;
         Ok(own.to_table().into_iter().chain(shared.to_table().into_iter().filter(|(name, _)| known(name))).collect())
     },
+    preview: options::Options::shrink,
     build: |table| {
         let (own, shared) = read(table)?;
         let Options { life, fade, pace, .. } = own;

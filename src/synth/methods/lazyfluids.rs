@@ -67,6 +67,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     designed: true,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.checked()?.to_table()),
+    preview: |_| {},
     build: |table| Ok(Box::new(LazyFluids { options: Options::from_table(table)?.checked()? })),
 };
 

@@ -15,5 +15,7 @@ pub const REGISTRY: &[MethodEntry] =
 
 /// The method of a picture when none is named.
 pub const DEFAULT_METHOD: &str = "database";
+/// The method that needs neither library nor exemplar: what the others are seen beside.
+pub const PLAIN_METHOD: &str = "advect";
 /// The method of a designed target when none is named.
 pub const DESIGNED_METHOD: &str = "lazyfluids";

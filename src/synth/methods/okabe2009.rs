@@ -107,6 +107,7 @@ pub const ENTRY: MethodEntry = MethodEntry {
     designed: false,
     options: Options::declared,
     complete: |table| Ok(Options::from_table(table)?.to_table()),
+    preview: |_| {},
     build: |table| Ok(Box::new(Okabe2009 { options: Options::from_table(table)? })),
 };
 

@@ -2,7 +2,7 @@
 
 use super::placing::Placed;
 use super::run::Run;
-use super::speeds;
+use super::travel;
 use crate::base::error::Result;
 use crate::flow::field::Field;
 use crate::raster::filter::gaussian;
@@ -24,7 +24,7 @@ const SURE: f32 = 0.25;
 /// # Errors
 /// A damaged pack, a cancel.
 pub fn of(run: &Run, placed: &Placed, pace: f32) -> Result<Field> {
-    Ok(flow(run.still, &speeds::measure(run, placed)?, pace * run.pace()))
+    Ok(flow(run.still, &travel::measure(run, placed)?, pace * run.pace()))
 }
 
 /// Motion in pixels of the working image per output frame, at working size: what is asked for; where nothing is, that of

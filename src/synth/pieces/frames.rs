@@ -4,8 +4,8 @@ use std::borrow::Cow;
 use std::collections::BTreeSet;
 
 use super::footage::{Clip, Stream, bands_of, frame_bytes, kept_bytes, loop_bytes, study_bytes};
-use super::placing::{Footage, Placed};
-use super::rates::RATES;
+use super::placing::{Placed, PlayedClip};
+use super::playback::RATES;
 use super::rendering::{Rendering, Target};
 use super::run::Run;
 use crate::base::error::Result;
@@ -32,14 +32,14 @@ pub fn study(run: &Run, placed: &Placed) -> Result<Vec<Clip>> {
     let output = scene.settings().output;
     let levels = placed.layout.levels();
     // As many library frames as the output lasts at its rate, so that water falls as fast at any frame rate.
-    let frames = |&Footage { pack, rate, .. }: &Footage| {
+    let frames = |&PlayedClip { pack, rate, .. }: &PlayedClip| {
         let seconds = RATES[rate] * output.length() as f32 / output.fps;
         ((seconds * sources.packs[pack].1.parameters().rate as f32).round() as usize).max(2)
     };
-    let bytes = |f: &Footage| loop_bytes(&sources.packs[f.pack].1, f.clip, frames(f));
+    let bytes = |f: &PlayedClip| loop_bytes(&sources.packs[f.pack].1, f.clip, frames(f));
     let keep = first_within(memory::keepable(scene), placed.clips.iter().map(bytes));
     let study = |i: usize| {
-        let Footage { pack, clip, .. } = placed.clips[i];
+        let PlayedClip { pack, clip, .. } = placed.clips[i];
         let used = levels.iter().filter(|l| placed.sources[l.source].0 == i).map(|l| l.scale);
         let scales = BTreeSet::from_iter(used).into_iter().collect();
         let frames = frames(&placed.clips[i]);
@@ -47,7 +47,7 @@ pub fn study(run: &Run, placed: &Placed) -> Result<Vec<Clip>> {
         observer.advance("loops", 1);
         clip
     };
-    let largest = |f: &Footage| study_bytes(&sources.packs[f.pack].1, f.clip, frames(f));
+    let largest = |f: &PlayedClip| study_bytes(&sources.packs[f.pack].1, f.clip, frames(f));
     let largest = placed.clips.iter().map(largest).max().unwrap_or(0).max(1);
     let at_once = par::threads().min((STUDIED / largest).max(1) as usize);
     stage(observer, "loops", placed.clips.len() as u64, || {

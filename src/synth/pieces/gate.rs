@@ -17,7 +17,7 @@ const STEP_DEGREES: f32 = 30.0;
 const STEP_OCTAVES: f32 = 0.5;
 /// Share of a piece's motion that must have one direction for it to have any.
 const COHERENT: f32 = 0.25;
-/// Octaves by which playback can change a speed (see [`super::rates`]).
+/// Octaves by which playback can change a speed (see [`super::playback`]).
 const REACH: f32 = 1.0;
 /// A speed below this counts as this, pixels per frame: ratios of nothing mean nothing.
 const LEAST_SPEED: f32 = 0.02;

@@ -4,8 +4,8 @@ use super::assignment_picture::{assignment_picture, colour};
 use super::footage::Clip;
 use super::legend::with_legend;
 use super::pick::{Choices, Labels};
-use super::placing::{Footage, Placed};
-use super::rates::RATES;
+use super::placing::{Placed, PlayedClip};
+use super::playback::RATES;
 use super::rendering::Rendering;
 use super::run::Run;
 use crate::base::error::Result;
@@ -60,7 +60,7 @@ pub fn outcome(
 
 /// How much of the picture each clip moves, the most first; `clip_of` holds the clip of every node.
 fn shares(run: &Run, placed: &Placed, clips: &[Clip], clip_of: &[usize]) -> Vec<ClipShare> {
-    let share = |(i, &Footage { pack: library, clip, rate }): (usize, &Footage)| {
+    let share = |(i, &PlayedClip { pack: library, clip, rate }): (usize, &PlayedClip)| {
         let meta = &run.sources.packs[library].1.clips()[clip as usize];
         let nodes = clip_of.iter().filter(|&&c| c == i).count();
         let segment = clips[i].plan.segments().into_iter().max().unwrap_or(0);

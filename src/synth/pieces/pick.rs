@@ -4,7 +4,7 @@ use std::collections::BTreeSet;
 
 use super::choice::Choice;
 use super::gate::{MotionGate, PieceMotion};
-use super::pace::Paces;
+use super::slowness::Slowness;
 use crate::assign::candidates::{self, Candidates, Gate, Pieces};
 use crate::assign::energy::Problem;
 use crate::assign::nodes::{Node, NodeGrid};
@@ -296,9 +296,9 @@ pub fn labels(
         })
     })?;
     if options.lively > 0.0 {
-        let paces = Paces::of(&choices.choices, sources, observer)?;
+        let slowness_of = Slowness::of(&choices.choices, sources, observer)?;
         add_terms(offsets, &mut data, |_| {
-            let slowness = |entry: usize| paces.slowness(&choices.choices[entry], sources);
+            let slowness = |entry: usize| slowness_of.slowness(&choices.choices[entry], sources);
             Ok(move |entry| Ok([options.lively * slowness(entry)?]))
         })?;
     }

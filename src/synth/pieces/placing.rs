@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::choice::Choice;
-use super::rates::{self, RATES};
+use super::playback::{self, RATES};
 use super::run::Run;
 use crate::assign::nodes::NodeGrid;
 use crate::base::error::Result;
@@ -22,14 +22,14 @@ pub struct Placed {
     /// What is asked of each.
     pub wishes: Vec<Wish>,
     /// Every clip that is used, at every rate it is used at.
-    pub clips: Vec<Footage>,
+    pub clips: Vec<PlayedClip>,
     /// Per source of the layout: its clip, as a number within `clips`, and its phase.
     pub sources: Vec<(usize, usize)>,
 }
 
 /// A clip at a rate of playback.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub struct Footage {
+pub struct PlayedClip {
     /// Number of its library.
     pub pack: usize,
     /// Number of the clip within its library.
@@ -66,7 +66,7 @@ pub fn place(run: &Run, grid: &NodeGrid, choices: &[Choice], wishes: Vec<Wish>) 
         placements: (0..choices.len()).map(placement).collect(),
     };
     let pace = |i: usize| pack(&choices[i]).parameters().rate as f32 / output.fps;
-    let rates = rates::choose(&layout, &wishes, |i| pace(i) * layout.placements[i].motion().1);
+    let rates = playback::choose(&layout, &wishes, |i| pace(i) * layout.placements[i].motion().1);
     let clips = play_at(&mut layout, &rates, &clips);
     let sources = spread_phases(&mut layout, run.options.phases, output.seed);
     Ok(Placed { layout, choices: choices.to_vec(), wishes, clips, sources })
@@ -82,7 +82,7 @@ fn placed_cells(tile: &Tile) -> Vec<PlacedCell> {
 }
 
 /// Plays every placement at its rate: its motion grows with it, and the layout's sources become clips at rates.
-fn play_at(layout: &mut Layout, rates: &[usize], clips: &[(usize, u32)]) -> Vec<Footage> {
+fn play_at(layout: &mut Layout, rates: &[usize], clips: &[(usize, u32)]) -> Vec<PlayedClip> {
     for (placement, &rate) in layout.placements.iter_mut().zip(rates) {
         for cell in &mut placement.cells {
             cell.mean = (RATES[rate] * cell.mean.0, RATES[rate] * cell.mean.1);
@@ -90,7 +90,7 @@ fn play_at(layout: &mut Layout, rates: &[usize], clips: &[(usize, u32)]) -> Vec<
         }
     }
     let sources = split_sources(layout, rates.to_vec());
-    sources.iter().map(|&(source, rate)| Footage { pack: clips[source].0, clip: clips[source].1, rate }).collect()
+    sources.iter().map(|&(source, rate)| PlayedClip { pack: clips[source].0, clip: clips[source].1, rate }).collect()
 }
 
 /// Splits the sources of a layout by a property of the placements; the new sources, in order, as (old source, property).

@@ -154,7 +154,7 @@ struct Show<'a> {
 }
 
 /// A frame as it is seen.
-struct Shown {
+struct FluidFrame {
     /// At working size.
     fluid: Premultiplied,
     /// What is finer, at output size.
@@ -163,7 +163,7 @@ struct Shown {
 
 impl Show<'_> {
     /// A frame; near the end of a loop it gives way to another by a share.
-    fn frame(&self, state: &State, coming: Option<(&State, f32)>) -> Result<Shown> {
+    fn frame(&self, state: &State, coming: Option<(&State, f32)>) -> Result<FluidFrame> {
         let here = self.alone(state)?;
         let Some((other, share)) = coming else { return Ok(here) };
         let there = self.alone(other)?;
@@ -175,10 +175,10 @@ impl Show<'_> {
             Plane::from_vec(a.width, a.height, both.collect())
         };
         let detail = there.detail.zip(here.detail);
-        Ok(Shown { fluid, detail: detail.map(|(a, b)| std::array::from_fn(|c| sum(&a[c], &b[c]))) })
+        Ok(FluidFrame { fluid, detail: detail.map(|(a, b)| std::array::from_fn(|c| sum(&a[c], &b[c]))) })
     }
 
-    fn alone(&self, state: &State) -> Result<Shown> {
+    fn alone(&self, state: &State) -> Result<FluidFrame> {
         let detail = self.detail.as_ref().zip(self.chain.patches()).map(|(detail, patches)| detail.of(state, patches));
         let mut fluid = state.shown();
         let place = state.t.clamp(0, self.target.frames() as i64 - 1) as usize;
@@ -190,7 +190,7 @@ impl Show<'_> {
         if self.shutter > 0.0 {
             fluid = streaked(&fluid, &self.target.flow(place)?, self.shutter);
         }
-        Ok(Shown { fluid, detail })
+        Ok(FluidFrame { fluid, detail })
     }
 }
 

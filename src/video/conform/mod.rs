@@ -32,17 +32,13 @@ pub struct ConformOptions {
     pub rate: f64,
     /// Longest side of the working size in pixels; smaller clips are not enlarged.
     pub long_side: usize,
-    /// Whether near-duplicate frames are removed.
-    pub remove_duplicates: bool,
-    /// Whether black bars are cropped.
-    pub crop_bars: bool,
     /// Which decoders may be used.
     pub decoder: Decoder,
 }
 
 impl Default for ConformOptions {
     fn default() -> Self {
-        Self { rate: 25.0, long_side: 640, remove_duplicates: true, crop_bars: true, decoder: Decoder::Auto }
+        Self { rate: 25.0, long_side: 640, decoder: Decoder::Auto }
     }
 }
 
@@ -107,7 +103,6 @@ struct Kept {
 /// A clip in the library's form, read frame by frame.
 pub struct Conformed {
     path: PathBuf,
-    options: ConformOptions,
     source: Box<dyn Source>,
     scaler: Scaler,
     same: f32,
@@ -155,7 +150,6 @@ impl Conformed {
         };
         Ok(Self {
             path: path.to_path_buf(),
-            options: options.clone(),
             source,
             scaler: Scaler::new(look.size.0, look.size.1, window),
             same: look.same,
@@ -235,11 +229,10 @@ impl Conformed {
     fn sort_out(&mut self) -> bool {
         let Some(frame) = self.waiting.pop_front() else { return false };
         let after = self.waiting.iter().map(|w| w.step);
-        let same = self.options.remove_duplicates
-            && self.kept.as_ref().is_some_and(|kept| {
-                repeats::difference(&kept.luma, &frame.luma, frame.image.width) < self.same
-                    || repeats::is_dip(frame.step, kept.step, after)
-            });
+        let same = self.kept.as_ref().is_some_and(|kept| {
+            repeats::difference(&kept.luma, &frame.luma, frame.image.width) < self.same
+                || repeats::is_dip(frame.step, kept.step, after)
+        });
         if same {
             self.removed += 1;
             self.report.duplicates_removed += 1;
@@ -298,7 +291,7 @@ fn look(path: &Path, options: &ConformOptions) -> Result<Look> {
             last_ns = frame.time_ns;
         }
         let enough = count >= LONG_LOOK || count >= LOOK && bars.is_decided();
-        if enough && (!options.crop_bars || bars.crop().is_none()) {
+        if enough && bars.crop().is_none() {
             break;
         }
         // Damage met here is met again, and told, when the frames are read in earnest.
@@ -307,7 +300,7 @@ fn look(path: &Path, options: &ConformOptions) -> Result<Look> {
     let period = f64::from(median(gaps.get(1..).unwrap_or_default()));
     Ok(Look {
         size,
-        crop: bars.crop().filter(|_| options.crop_bars),
+        crop: bars.crop(),
         same: repeats::threshold(differences),
         period: if period > 0.0 { period } else { 1.0 / options.rate },
     })

@@ -7,6 +7,7 @@
 use macro_rules_attribute::apply;
 
 use crate::base::instructions::kernel;
+use crate::raster::catmull_rom;
 use crate::raster::image::Rgb8;
 use crate::video::clip::{Pixels, RawFrame};
 use crate::video::yuv::Decode;
@@ -41,12 +42,9 @@ impl Window {
 /// Kernel values: Catmull–Rom where the plane shrinks or keeps its size, a triangle where it grows (chroma), which
 /// cannot overshoot into false colour.
 fn kernel(x: f64, grows: bool) -> f64 {
-    let x = x.abs();
     match grows {
-        true => (1.0 - x).max(0.0),
-        false if x < 1.0 => (1.5 * x - 2.5) * x * x + 1.0,
-        false if x < 2.0 => ((-0.5 * x + 2.5) * x - 4.0) * x + 2.0,
-        false => 0.0,
+        true => (1.0 - x.abs()).max(0.0),
+        false => catmull_rom::kernel(x),
     }
 }
 

@@ -19,7 +19,7 @@ pub const MAX_SIDE: usize = 16_384;
 
 /// Where frames go, told by the name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Target {
+enum Format {
     Stdout,
     Mp4,
     Gif,
@@ -37,7 +37,7 @@ pub const SUPPORTED: &str =
 const WITH_ALPHA: &str =
     "a name without extension, for a folder of PNG frames; .webp; .apng; .gif, opaque or not and nothing between; .npy";
 
-impl Target {
+impl Format {
     fn of(path: &Path) -> Result<Self> {
         if path == Path::new("-") {
             return Ok(Self::Stdout);
@@ -87,27 +87,27 @@ pub fn create(path: &Path, options: SinkOptions) -> Result<Box<dyn Sink>> {
 /// Those of [`create`].
 pub fn create_part(path: &Path, part: Option<usize>, options: SinkOptions) -> Result<Box<dyn Sink>> {
     check_size(path, options)?;
-    let target = Target::of(path)?;
-    if options.alpha && !target.holds_alpha() {
+    let format = Format::of(path)?;
+    if options.alpha && !format.holds_alpha() {
         return Err(Error::file(Kind::Usage, path, "this format carries no opacity")
             .allowed(WITH_ALPHA)
             .remedy("give such a name, or leave out --alpha (output.alpha)"));
     }
-    Ok(match target {
-        Target::Stdout => Box::new(Y4mWriter::to_stdout(options)?),
-        Target::Y4m => Box::new(Y4mWriter::create(path, options)?),
-        Target::Npy => Box::new(NpyWriter::create(path, options)?),
-        Target::Mp4 => Box::new(Mp4Writer::create(path, options)?),
-        Target::Gif => Box::new(GifWriter::create(path, options)?),
-        Target::Webp => Box::new(WebpWriter::create(path, options, Webp)?),
-        Target::Apng => Box::new(ApngWriter::create(path, options, Apng::default())?),
-        Target::Folder => Box::new(PngFolder::create(path, part, options)?),
+    Ok(match format {
+        Format::Stdout => Box::new(Y4mWriter::to_stdout(options)?),
+        Format::Y4m => Box::new(Y4mWriter::create(path, options)?),
+        Format::Npy => Box::new(NpyWriter::create(path, options)?),
+        Format::Mp4 => Box::new(Mp4Writer::create(path, options)?),
+        Format::Gif => Box::new(GifWriter::create(path, options)?),
+        Format::Webp => Box::new(WebpWriter::create(path, options, Webp)?),
+        Format::Apng => Box::new(ApngWriter::create(path, options, Apng::default())?),
+        Format::Folder => Box::new(PngFolder::create(path, part, options)?),
     })
 }
 
 /// Whether [`create`] would make `path` a folder of PNG frames.
 pub fn is_folder(path: &Path) -> bool {
-    Target::of(path).is_ok_and(|target| target == Target::Folder)
+    Format::of(path).is_ok_and(|format| format == Format::Folder)
 }
 
 /// Checks, before long work, that [`create`] will know the format of `path` and be able to write there.
@@ -115,9 +115,9 @@ pub fn is_folder(path: &Path) -> bool {
 /// # Errors
 /// Those of [`create`], apart from the size.
 pub fn check_writable(path: &Path) -> Result<()> {
-    match Target::of(path)? {
-        Target::Stdout => Ok(()),
-        Target::Folder => AtomicFolder::create(path, is_frame_name).map(drop),
+    match Format::of(path)? {
+        Format::Stdout => Ok(()),
+        Format::Folder => AtomicFolder::create(path, is_frame_name).map(drop),
         _ if path.is_dir() => Err(Error::file(Kind::Io, path, "is a folder").remedy("give the name of a file")),
         _ => atomic_file::check_writable(path),
     }
@@ -139,16 +139,16 @@ mod tests {
     #[test]
     fn the_name_tells_the_format() {
         let folder = tempfile::tempdir().unwrap();
-        let target = |name: &str| Target::of(Path::new(name));
-        assert_eq!(target("-").unwrap(), Target::Stdout);
-        assert_eq!(target("a.MP4").unwrap(), Target::Mp4);
-        assert_eq!((target("a.y4m").unwrap(), target("a.npy").unwrap()), (Target::Y4m, Target::Npy));
-        assert_eq!(target("a.webp").unwrap(), Target::Webp);
-        assert_eq!((target("a.apng").unwrap(), target("a.png").unwrap()), (Target::Apng, Target::Apng));
-        assert_eq!(target("frames").unwrap(), Target::Folder);
-        assert_eq!(target("take.2/").unwrap(), Target::Folder);
-        assert_eq!(Target::of(folder.path()).unwrap(), Target::Folder);
-        let error = target("a.mkv").unwrap_err();
+        let format = |name: &str| Format::of(Path::new(name));
+        assert_eq!(format("-").unwrap(), Format::Stdout);
+        assert_eq!(format("a.MP4").unwrap(), Format::Mp4);
+        assert_eq!((format("a.y4m").unwrap(), format("a.npy").unwrap()), (Format::Y4m, Format::Npy));
+        assert_eq!(format("a.webp").unwrap(), Format::Webp);
+        assert_eq!((format("a.apng").unwrap(), format("a.png").unwrap()), (Format::Apng, Format::Apng));
+        assert_eq!(format("frames").unwrap(), Format::Folder);
+        assert_eq!(format("take.2/").unwrap(), Format::Folder);
+        assert_eq!(Format::of(folder.path()).unwrap(), Format::Folder);
+        let error = format("a.mkv").unwrap_err();
         assert_eq!(error.kind(), Kind::Usage);
         assert!(error.to_string().contains(".mp4"), "{error}");
     }

@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use super::placing::Placed;
-use super::rates::RATES;
+use super::playback::RATES;
 use super::run::Run;
 use crate::base::error::Result;
 use crate::base::observe::{self, stage};

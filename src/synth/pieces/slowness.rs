@@ -27,9 +27,9 @@ const NOISE: f32 = 0.002 * 0.002;
 const OCTAVES: f32 = 6.0;
 
 /// Slowness of the clips that candidates come from.
-pub struct Paces(BTreeMap<(usize, u32), Plane>);
+pub struct Slowness(BTreeMap<(usize, u32), Plane>);
 
-impl Paces {
+impl Slowness {
     /// Reads some frames of every clip that `choices` come from.
     ///
     /// # Errors
@@ -38,7 +38,7 @@ impl Paces {
         let owner = |c: &Choice| Ok((c.pack, sources.packs[c.pack].1.piece(c.piece)?.clip));
         let clips: BTreeSet<(usize, u32)> = choices.iter().map(owner).collect::<Result<_>>()?;
         let clips: Vec<(usize, u32)> = clips.into_iter().collect();
-        let planes = observe::stage(observer, "paces", clips.len() as u64, || {
+        let planes = observe::stage(observer, "slowness", clips.len() as u64, || {
             par::try_map(clips.len(), |i| {
                 observe::check(observer)?;
                 slowness(&sources.packs[clips[i].0].1, clips[i].1)
