@@ -49,7 +49,10 @@ pub fn along_streaks(flow: &Field, luma: &Plane, matte: &Plane, turning: &Turnin
 
 /// Gradients' products (xx, xy, yy), averaged around every pixel.
 fn tensor(luma: &Plane, matte: &Plane) -> [Plane; 3] {
-    let fine = gaussian(luma, FINE);
+    // Beyond the matte what is within goes on, so that its edge is no streak.
+    let weighted = luma.data.iter().zip(&matte.data).map(|(l, m)| l * m).collect();
+    let mut fine = gaussian(&Plane::from_vec(luma.width, luma.height, weighted), FINE);
+    fine.data.iter_mut().zip(&gaussian(matte, FINE).data).for_each(|(f, w)| *f /= w.max(1e-4));
     let slope = |x: usize, y: usize| {
         let (x, y) = (x as isize, y as isize);
         let across = 0.5 * (fine.clamped(x + 1, y) - fine.clamped(x - 1, y));

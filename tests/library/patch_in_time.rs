@@ -9,7 +9,7 @@ use enliven::patch::data::patches::{Patches, Place};
 use enliven::patch::data::pose::{Matrix, Pose, Turn, Upright};
 use enliven::patch::engine::{Engine, Image, Settings, Source, Target};
 use enliven::patch::rules::{Constraint, Occurrence, Penalty, Plain};
-use enliven::patch::session::Session;
+use enliven::patch::session::{MakeRule, Session};
 use enliven::patch::terms::{Pass, Terms};
 use enliven::raster::image::Plane;
 
@@ -189,16 +189,23 @@ impl Exhaustive {
     }
 }
 
-/// The field of a target after so many rounds of search alone.
+/// The field of a target after so many rounds of search alone: first without a price, so that patches find where they belong,
+/// then with it. The energies are those with the price.
 fn searched(source: &Source, target: Plane, penalty: Penalty, rounds: usize) -> (Nnf<Turn>, Vec<f64>) {
     let engine = engine(Some(1));
     let targets = [Target::<Turn>::new(image(target))];
-    let rule = || -> Box<dyn Constraint<Turn>> { Box::new(Occurrence::new(penalty, 2)) };
     let terms = Upwards(engine.layout().clone());
-    let mut session = Session::begin(&engine, source, &targets, &rule, Some(&terms), &Silent).unwrap();
-    session.enter(0, 0);
-    let energies = (0..rounds).map(|round| session.search(0, 0, round)).collect();
-    (session.field(0, 0).unwrap().clone(), energies)
+    let run = |rule: MakeRule<Turn>, start: Option<&Nnf<Turn>>| {
+        let mut session = Session::begin(&engine, source, &targets, rule, Some(&terms), &Silent).unwrap();
+        session.enter(0, 0);
+        if let Some(start) = start {
+            session.offer(0, 0, start);
+        }
+        let energies: Vec<f64> = (0..rounds).map(|round| session.search(0, 0, round)).collect();
+        (session.field(0, 0).unwrap().clone(), energies)
+    };
+    let (free, _) = run(&|| Box::new(Plain { sweeps: 2, near: None }), None);
+    run(&|| Box::new(Occurrence::new(penalty, 2)), Some(&free))
 }
 
 #[test]
@@ -209,7 +216,7 @@ fn turned_patches_of_a_clip_with_a_term_and_a_price_come_near_to_brute_force() {
         let target = disc(TARGET, angle, case);
         let penalty = Penalty { weight: [0.02, 0.1][case as usize % 2], frames: 1 };
         let source = clip(&engine(Some(1)), case);
-        let (field, energies) = searched(&source, target.clone(), penalty, 250);
+        let (field, energies) = searched(&source, target.clone(), penalty, 120);
         let exhaustive = Exhaustive::new(case, &target, penalty);
         let ours = exhaustive.energy(&Exhaustive::numbers(&field, source.finest()));
         // What the engine says of itself is what brute force says of it, but for bytes.
