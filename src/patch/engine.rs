@@ -3,13 +3,11 @@
 use super::data::channels::Layout;
 pub use super::data::image::{Frame, Image, Layer, LevelReport, Source, Target};
 use super::data::patches::Patches;
-use super::data::pose::{Pose, Upright};
+use super::data::pose::Pose;
 use super::data::segments::Thresholds;
 use super::rules::Rule;
-use super::session::Session;
 use super::vote::Manner;
 use crate::base::error::{Error, Kind, Result};
-use crate::base::observe::Observer;
 
 /// The coarsest level's shortest side is about this many patches.
 const COARSEST: usize = 4;
@@ -145,23 +143,6 @@ impl Engine {
             }
             _ => Ok(source),
         }
-    }
-
-    /// Synthesises one frame (LazyFluids, Eq. 7): coarse to fine, and on every level search and vote in turns.
-    ///
-    /// Where the target has a segment (outline, interior) that the source lacks on a level, both count as one there; where
-    /// the source has one that the target lacks, its patches are not used. A target without any patch gives a black frame.
-    ///
-    /// # Errors
-    /// Planes that are not the layout's channels or differ in size, an image smaller than a patch, or a cancel.
-    pub fn frame(&self, source: &Source, target: &Target, observer: &dyn Observer) -> Result<Frame> {
-        let rule = || self.settings.rule.constraint(self.settings.sweeps);
-        let mut session = Session::<Upright>::begin(self, source, std::slice::from_ref(target), &rule, None, observer)?;
-        for level in (0..session.levels()).rev() {
-            session.enter(level, 0);
-            session.work(level, 0, observer)?;
-        }
-        session.finish(0)
     }
 
     /// Bytes that a frame takes while it is made, for so many pixels of the target and of the source: the target's float

@@ -9,9 +9,8 @@ use super::data::patches::Patches;
 use super::data::pose::{Pose, Upright};
 use super::data::segments::Thresholds;
 use super::patch_match::{Search, Steps};
-use super::rules::Constraint;
 use super::terms::{Pass, Terms};
-use super::vote::{Anchor, Manner, Vote, Weighted, doubt};
+use super::vote::{Anchor, Manner, Vote, Voting, Weighted, doubt};
 use crate::base::observe::Observer;
 use crate::raster::image::{Plane, Rgb8};
 use crate::raster::pyramid::reduce;
@@ -57,8 +56,7 @@ impl<P: Pose> Level<'_, P> {
     }
 
     /// What fields say together.
-    pub(super) fn ballot<'v>(&'v self, fields: &'v [Weighted<'v, P>], rule: &'v dyn Constraint<P>) -> Vote<'v, P> {
-        let manner = rule.manner(self.manner);
+    pub(super) fn ballot<'v>(&'v self, fields: &'v [Weighted<'v, P>], voting: Voting<'v>) -> Vote<'v, P> {
         let targets = || fields.iter().map(|f| f.nnf.assigned().count()).sum::<usize>() as f32;
         Vote {
             fields,
@@ -67,18 +65,18 @@ impl<P: Pose> Level<'_, P> {
             colours: &self.colours,
             radius: self.layout.radius(),
             channels: self.layout.synthesised(),
-            manner,
+            manner: voting.manner,
             // |X| / |Z|: both directions count alike (Simakov et al. 2008).
-            back: rule.votes().map(|votes| (votes, targets() / votes.count().max(1) as f32)),
+            back: voting.back.map(|votes| (votes, targets() / votes.count().max(1) as f32)),
             anchor: self.anchor.as_ref(),
-            doubt: if manner == Manner::Likely { doubt(fields) } else { 0.0 },
+            doubt: if voting.manner == Manner::Likely { doubt(fields) } else { 0.0 },
         }
     }
 
     /// Overwrites the synthesised channels of the target by what fields say.
-    pub(super) fn vote(&mut self, fields: &[Weighted<P>], rule: &dyn Constraint<P>) {
+    pub(super) fn vote(&mut self, fields: &[Weighted<P>], voting: Voting) {
         let mut stack = self.target.stack.clone();
-        self.ballot(fields, rule).write(&mut stack);
+        self.ballot(fields, voting).write(&mut stack);
         let before = std::mem::replace(&mut self.target.stack, stack);
         self.restore(&before);
         self.follow();
@@ -107,10 +105,10 @@ impl<P: Pose> Level<'_, P> {
     /// Goes beyond what the field says by half the step where its patches are blended. For a given field the energy is
     /// quadratic round the vote, so it still falls by three quarters of what the vote gains, and fewer rounds are needed
     /// (over-relaxation).
-    pub(super) fn overshoot(&mut self, fields: &[Weighted<P>], rule: &dyn Constraint<P>) {
+    pub(super) fn overshoot(&mut self, fields: &[Weighted<P>], voting: Voting) {
         let before = self.target.stack.clone();
-        self.vote(fields, rule);
-        if !rule.manner(self.manner).blends() {
+        self.vote(fields, voting);
+        if !voting.manner.blends() {
             return;
         }
         let (channels, synthesised) = (before.channels, self.layout.synthesised());
@@ -125,9 +123,9 @@ impl<P: Pose> Level<'_, P> {
     }
 
     /// Starts from what a coarser level's field says, and from the target's own channels where they are kept.
-    pub(super) fn start(&mut self, nnf: &Nnf<P>, rule: &dyn Constraint<P>, kept: Option<&[u8]>) {
+    pub(super) fn start(&mut self, nnf: &Nnf<P>, voting: Voting, kept: Option<&[u8]>) {
         let own = self.target.stack.clone();
-        self.vote(&[Weighted { nnf, weight: 1.0 }], rule);
+        self.vote(&[Weighted { nnf, weight: 1.0 }], voting);
         let (channels, synthesised) = (own.channels, self.layout.synthesised());
         let pixels = self.target.stack.bytes_mut().chunks_exact_mut(channels);
         for ((pixel, own), &step) in pixels.zip(own.bytes().chunks_exact(channels)).zip(kept.unwrap_or_default()) {

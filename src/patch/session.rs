@@ -7,7 +7,7 @@ use super::data::channels::Stack;
 use super::data::field::Nnf;
 use super::data::image::{Frame, LevelReport, Source, Target};
 use super::data::patches::Patches;
-use super::data::pose::{Matrix, ONE, Pose};
+use super::data::pose::{Matrix, ONE, Pose, Upright};
 use super::engine::Engine;
 use super::level::{Level, Levels};
 use super::rules::Constraint;
@@ -54,6 +54,25 @@ struct Work<'a, P: Pose> {
     nnf: Nnf<P>,
     rule: Box<dyn Constraint<P>>,
     report: LevelReport,
+}
+
+impl Engine {
+    /// Synthesises one frame (LazyFluids, Eq. 7): coarse to fine, and on every level search and vote in turns.
+    ///
+    /// Where the target has a segment (outline, interior) that the source lacks on a level, both count as one there; where
+    /// the source has one that the target lacks, its patches are not used. A target without any patch gives a black frame.
+    ///
+    /// # Errors
+    /// Planes that are not the layout's channels or differ in size, an image smaller than a patch, or a cancel.
+    pub fn frame(&self, source: &Source, target: &Target, observer: &dyn Observer) -> Result<Frame> {
+        let rule = || self.settings().rule.constraint(self.settings().sweeps);
+        let mut session = Session::<Upright>::begin(self, source, std::slice::from_ref(target), &rule, None, observer)?;
+        for level in (0..session.levels()).rev() {
+            session.enter(level, 0);
+            session.work(level, 0, observer)?;
+        }
+        session.finish(0)
+    }
 }
 
 impl<'a, P: Pose> Session<'a, P> {
@@ -105,7 +124,7 @@ impl<'a, P: Pose> Session<'a, P> {
         };
         let frame = &mut self.frames[frame];
         if let Some(coarser) = coarser {
-            level.start(&nnf, &*rule, frame.levels.kept(n));
+            level.start(&nnf, rule.voting(&level), frame.levels.kept(n));
             frame.left.push(coarser.report);
         }
         if let Some(previous) = &target.previous {
@@ -193,7 +212,7 @@ impl<'a, P: Pose> Session<'a, P> {
     pub fn vote(&mut self, n: usize, frame: usize) {
         let start = Instant::now();
         let Work { level, nnf, rule, report } = self.entered(n, frame);
-        level.overshoot(&[Weighted { nnf, weight: 1.0 }], &**rule);
+        level.overshoot(&[Weighted { nnf, weight: 1.0 }], rule.voting(level));
         report.voting += start.elapsed().as_secs_f64();
     }
 
@@ -201,7 +220,7 @@ impl<'a, P: Pose> Session<'a, P> {
     pub fn vote_with(&mut self, n: usize, frame: usize, weight: f32, others: &[Weighted<P>]) {
         let Work { level, nnf, rule, .. } = self.entered(n, frame);
         let fields: Vec<Weighted<P>> = [Weighted { nnf, weight }].into_iter().chain(others.iter().copied()).collect();
-        level.vote(&fields, &**rule);
+        level.vote(&fields, rule.voting(level));
     }
 
     /// Takes what of another field is nearer, in the level's own places.
@@ -239,7 +258,7 @@ impl<'a, P: Pose> Session<'a, P> {
         let frame = &mut self.frames[frame];
         let missing = || Error::new(Kind::Usage, "target", "its finest level was not entered");
         let Work { level, nnf, rule, report } = frame.work[0].take().ok_or_else(missing)?;
-        let mut planes = level.ballot(&[Weighted { nnf: &nnf, weight: 1.0 }], &*rule).planes();
+        let mut planes = level.ballot(&[Weighted { nnf: &nnf, weight: 1.0 }], rule.voting(&level)).planes();
         if let Some(fixed) = &level.fixed {
             for (plane, given) in planes.iter_mut().zip(&frame.levels.layer(0).planes) {
                 let pixels = plane.data.iter_mut().zip(&given.data).zip(fixed);

@@ -128,6 +128,15 @@ pub struct Weighted<'a, P = Upright> {
     pub weight: f32,
 }
 
+/// What a rule has to say on voting.
+#[derive(Debug, Clone, Copy)]
+pub struct Voting<'a> {
+    /// How the overlapping patches make one pixel.
+    pub manner: Manner,
+    /// Source patches that vote besides.
+    pub back: Option<&'a Votes>,
+}
+
 /// What is voted: fields, and the image whose pixels their places name.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Vote<'a, P = Upright> {

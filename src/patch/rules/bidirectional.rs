@@ -1,6 +1,7 @@
 //! Bidirectional similarity (Simakov et al. 2008; Wei et al. 2008): every source patch should be found in the target too.
 
-use super::{Constraint, Plain};
+use super::constraint::Constraint;
+use super::plain::Plain;
 use crate::base::rng;
 use crate::patch::data::field::Nnf;
 use crate::patch::data::pose::Upright;

@@ -1,7 +1,7 @@
 //! Source patches are used no more and no less often than bounds say: uniform use (LazyFluids 2015, §4.1), or an occurrence
 //! map (Kaspar et al. 2015).
 
-use super::Constraint;
+use super::constraint::Constraint;
 use super::exchange::Exchange;
 use super::usage::BoundsOf;
 use crate::base::rng;

@@ -1,6 +1,6 @@
 //! What patches wish for, and chains of wishes that come true together; see [`super::exchange`].
 
-use super::exchange::{Asked, NOBODY};
+use super::holder::{Asked, NOBODY};
 use super::usage::Usage;
 use crate::base::rng;
 use crate::patch::data::field::{Cell, Nnf};

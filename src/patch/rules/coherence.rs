@@ -1,6 +1,6 @@
 //! k-coherence search (Tong et al. 2002, as Han et al. 2006 use it): what neighbours suggest, and what resembles that.
 
-use super::Constraint;
+use super::constraint::Constraint;
 use crate::base::{par, rng};
 use crate::patch::data::field::{Cell, Nnf};
 use crate::patch::data::patches::Place;

@@ -11,6 +11,7 @@
 //! first, and the next batch sees it. So a good place spreads from row to row within one sweep.
 
 use super::chains::{Chain, LONGEST, State};
+use super::holder::{Asked, NOBODY};
 use super::usage::{BoundsOf, Usage};
 use crate::base::{par, rng};
 use crate::patch::data::field::{Cell, Nnf};
@@ -27,33 +28,6 @@ const BATCHES: usize = 64;
 const ROWS: usize = 8;
 /// A patch whose distance is less than the mean one by this factor can gain little.
 const QUIET: u64 = 2;
-/// Nobody: the place has room.
-pub(super) const NOBODY: u32 = u32::MAX;
-
-/// A place of the atlas, as those see it who would like to have it.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Asked {
-    /// Who would have to leave: the one that would lose least, or any one by chance.
-    pub holder: u32,
-    /// Its distance here.
-    pub held: u32,
-    /// What it wished for last.
-    pub wish: Cell,
-    /// Whether one more patch may come without any other leaving.
-    pub has_room: bool,
-}
-
-impl Asked {
-    /// What the holder would lose by taking what it wished for last; negative if it would gain.
-    pub fn loss(&self) -> i64 {
-        i64::from(self.wish.distance) - i64::from(self.held)
-    }
-
-    fn hold(&mut self, holder: u32, held: Cell, wish: Cell) {
-        (self.holder, self.held, self.wish) = (holder, held.distance, wish);
-    }
-}
-
 /// A field that keeps to bounds while its patches exchange places.
 #[derive(Debug)]
 pub(super) struct Exchange {

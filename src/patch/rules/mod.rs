@@ -5,45 +5,24 @@ mod bidirectional;
 mod bounded;
 mod chains;
 mod coherence;
+mod constraint;
 mod exchange;
+mod holder;
 mod leftovers;
 mod occurrence;
 mod plain;
 mod usage;
 
+pub use constraint::Constraint;
 pub use occurrence::{Occurrence, Penalty};
 pub use plain::Plain;
 
-use super::data::field::Nnf;
-use super::data::pose::{Pose, Upright};
-use super::level::Level;
-use super::vote::{Manner, Votes};
+use super::data::pose::Upright;
 use crate::base::options::Words;
 use bidirectional::Bidirectional;
 use bounded::Bounded;
 use coherence::Coherent;
 use usage::Bounds;
-
-/// A rule at work on one level of one frame.
-pub trait Constraint<P: Pose>: Send {
-    /// Improves the field for the present state of the target; `round` counts from 0 on every level.
-    fn search(&mut self, level: &Level<P>, nnf: &mut Nnf<P>, round: usize);
-
-    /// How patches are voted, where `wished` is what the settings say.
-    fn manner(&self, wished: Manner) -> Manner {
-        wished
-    }
-
-    /// Source patches that vote besides.
-    fn votes(&self) -> Option<&Votes> {
-        None
-    }
-
-    /// What it adds to the energy of the field, in units of squared values at weight 1.
-    fn energy(&self, _level: &Level<P>, _nnf: &Nnf<P>) -> f64 {
-        0.0
-    }
-}
 
 /// A rule for the nearest-neighbour field of upright patches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

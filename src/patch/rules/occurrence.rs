@@ -5,7 +5,7 @@
 //! cover. Patches of one batch move at a time: rows that lie far apart, so that they hardly ever want the same place. After
 //! each batch what is covered is counted anew. So the result is the same on any number of threads.
 
-use super::Constraint;
+use super::constraint::Constraint;
 use crate::base::{par, rng};
 use crate::patch::data::field::{Cell, Nnf};
 use crate::patch::data::patches::{Footprint, Patches, Place};

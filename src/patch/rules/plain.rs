@@ -1,6 +1,6 @@
 //! Every target patch takes its nearest source patch (Kwatra et al. 2005; LazyFluids 2015, Eq. 2).
 
-use super::Constraint;
+use super::constraint::Constraint;
 use crate::base::rng;
 use crate::patch::data::field::Nnf;
 use crate::patch::data::pose::Pose;
