@@ -124,7 +124,7 @@ mod tests {
             phase: 0,
         });
         let work = Patchwork::new(SIZE, &grid, &copy);
-        let (out, quantity) = (work.residual(&[plane.clone()]), work.quantity(&plane));
+        let (out, quantity) = (work.residual(std::slice::from_ref(&plane)), work.quantity(&plane));
         for (x, y) in [(0, 0), (60, 50), (119, 95), (24, 71)] {
             assert!((out.at(x, y) - plane.at(x + 30, y + 40)).abs() < 1e-4);
             assert!((quantity.at(x, y) - plane.at(x + 30, y + 40)).abs() < 1e-4);

@@ -52,7 +52,7 @@ impl Designed {
         let alpha = Sequence::list(&target.alpha, &PICTURES)?;
         let height = target.height.as_deref().map(|folder| Sequence::list(folder, &PICTURES)).transpose()?;
         let lead = flow.as_ref().map_or(&alpha, |flow| &flow.files);
-        if lead.len() < 2 {
+        if lead.frames() < 2 {
             return Err(Error::file(Kind::Usage, &lead.folder, "has only one frame").allowed("2 or more"));
         }
         let size = flow.as_ref().map_or_else(|| opacity_size(&alpha.files[0]), |flow| Ok(flow.size))?;
@@ -68,7 +68,7 @@ impl Designed {
 
     /// Number of frames.
     pub fn frames(&self) -> usize {
-        self.alpha.len()
+        self.alpha.frames()
     }
 
     /// Number of frames that a scene's output has: all, or as many of the first as are asked for.
@@ -203,8 +203,8 @@ fn parameters(path: &Path, lead: &Sequence, size: (usize, usize), what: &str) ->
         Parameters::Pictures(pictures.files)
     };
     let frames = parameters.frames()?;
-    if frames != lead.len() {
-        let problem = format!("has {}, the target has {}", counted(frames as u64, "frame"), lead.len());
+    if frames != lead.frames() {
+        let problem = format!("has {}, the target has {}", counted(frames as u64, "frame"), lead.frames());
         return Err(Error::file(Kind::Usage, path, problem)
             .allowed("an array (t, y, x, channel) with a frame for every one of the target"));
     }
@@ -222,10 +222,10 @@ fn white_of(height: &Path) -> Option<f32> {
 
 /// Refuses a sequence whose frames are numbered otherwise than those of the target.
 fn same_numbers(lead: &Sequence, other: &Sequence) -> Result<()> {
-    if (lead.first, lead.len()) == (other.first, other.len()) {
+    if (lead.first, lead.frames()) == (other.first, other.frames()) {
         return Ok(());
     }
-    let range = |s: &Sequence| format!("{} to {}", s.first, s.first + s.len() as u64 - 1);
+    let range = |s: &Sequence| format!("{} to {}", s.first, s.first + s.frames() as u64 - 1);
     let problem = format!("has frames {}, but {} has {}", range(other), lead.folder.display(), range(lead));
     Err(Error::file(Kind::Usage, &other.folder, problem).remedy("give both folders the same frame numbers"))
 }

@@ -128,7 +128,7 @@ fn check_companions(exemplar: &ExemplarFile) -> Result<()> {
     if let Some(folder) = flow {
         let flow = FlowFiles::open(folder)?;
         same_size(&flow.files.files[0], flow.size, whole.size)?;
-        check_count(folder, Some(flow.files.len()), whole.frames, true)?;
+        check_count(folder, Some(flow.files.frames()), whole.frames, true)?;
     }
     parameters.as_deref().map_or(Ok(()), |path| check_parameters(path, whole))
 }

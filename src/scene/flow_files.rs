@@ -35,7 +35,7 @@ impl FlowFiles {
     /// An unreadable file; a vector that is unknown, or longer than the picture.
     pub fn leading_to(&self, t: usize, frames: usize) -> Result<Field> {
         let before = t.saturating_sub(1);
-        if self.files.len() < frames {
+        if self.files.frames() < frames {
             return Ok(read(&self.files.files[before])?.field);
         }
         let here = read(&self.files.files[t])?;

@@ -52,7 +52,7 @@ impl Sequence {
     }
 
     /// Number of frames.
-    pub fn len(&self) -> usize {
+    pub fn frames(&self) -> usize {
         self.files.len()
     }
 }

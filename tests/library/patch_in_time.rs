@@ -216,7 +216,7 @@ fn turned_patches_of_a_clip_with_a_term_and_a_price_come_near_to_brute_force() {
         let target = disc(TARGET, angle, case);
         let penalty = Penalty { weight: [0.02, 0.1][case as usize % 2], frames: 1 };
         let source = clip(&engine(Some(1)), case);
-        let (field, energies) = searched(&source, target.clone(), penalty, 120);
+        let (field, energies) = searched(&source, target.clone(), penalty, 250);
         let exhaustive = Exhaustive::new(case, &target, penalty);
         let ours = exhaustive.energy(&Exhaustive::numbers(&field, source.finest()));
         // What the engine says of itself is what brute force says of it, but for bytes.

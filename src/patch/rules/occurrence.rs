@@ -2,7 +2,7 @@
 //! 2021, §3.5; in one image Kaspar et al. 2015), beside rules that bound its use.
 //!
 //! With one patch moved at a time the energy `Σ distances + ½ Σ prices` cannot rise, a patch's price being what the others
-//! cover. Patches of one batch move at a time: rows that lie far apart, so that they hardly ever want the same place. After
+//! cover. Patches of one batch move at a time: those that lie far apart, so that they hardly ever want the same place. After
 //! each batch what is covered is counted anew. So the result is the same on any number of threads.
 
 use super::constraint::Constraint;
@@ -16,10 +16,13 @@ use crate::patch::distance::Candidate;
 use crate::patch::level::Level;
 use crate::patch::patch_match::{Band, Scratch, Sweep};
 
-/// Most batches of a sweep.
-const BATCHES: usize = 64;
-/// Pixels of a row that one thread goes through at a time.
-const RUN: usize = 256;
+/// Patches that move at a time lie so many rows apart, and so many columns: no two of them want the same place for being
+/// neighbours.
+const ROWS: usize = 64;
+/// See [`ROWS`].
+const COLUMNS: usize = 8;
+/// Patches that one thread goes through at a time.
+const RUN: usize = 16;
 
 /// What repetition costs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -102,7 +105,7 @@ impl Coverage {
     fn price(&self, source: &Patches, segment: u8, laid: &Footprint, own: &Footprint) -> u32 {
         let covered: u64 = laid.pixels().map(|pixel| u64::from(self.counts[pixel])).sum();
         let mine = source.overlap(laid, own, self.frames);
-        ((covered - mine) * self.prices[usize::from(segment) - 1] >> 16).min(u64::from(u32::MAX / 4)) as u32
+        (((covered - mine) * self.prices[usize::from(segment) - 1]) >> 16).min(u64::from(u32::MAX / 4)) as u32
     }
 
     /// All prices.
@@ -116,13 +119,16 @@ impl Coverage {
 
     fn sweep<P: Pose>(&mut self, level: &Level<P>, nnf: &mut Nnf<P>, sweep: Sweep) {
         let (width, height) = (nnf.width, nnf.cells.len() / nnf.width);
-        let batches = height.clamp(1, BATCHES);
-        for batch in 0..batches {
-            let first = if sweep.backwards() { batches - 1 - batch } else { batch };
-            let rows = (first..height).step_by(batches);
-            let runs: Vec<(usize, usize)> =
-                rows.flat_map(|y| (0..width).step_by(RUN).map(move |x| (y * width + x, RUN.min(width - x)))).collect();
-            let moved = par::map(runs.len(), |i| self.run(level, nnf, runs[i], sweep));
+        let (rows, columns) = (height.clamp(1, ROWS), width.clamp(1, COLUMNS));
+        for batch in 0..rows * columns {
+            let batch = if sweep.backwards() { rows * columns - 1 - batch } else { batch };
+            let across = |y: usize| (batch % columns..width).step_by(columns).map(move |x| y * width + x);
+            let sites = (batch / columns..height).step_by(rows).flat_map(across);
+            let sites: Vec<usize> = sites.filter(|&site| nnf.cells[site].place != Place::NONE).collect();
+            let moved = par::map(sites.len().div_ceil(RUN), |k| {
+                let run = &sites[k * RUN..sites.len().min((k + 1) * RUN)];
+                self.run(level, nnf, run, sweep)
+            });
             for (site, cell) in moved.into_iter().flatten() {
                 self.count(&level.source, &laid(level, site, nnf.cells[site]), false);
                 self.count(&level.source, &laid(level, site, cell), true);
@@ -131,35 +137,23 @@ impl Coverage {
         }
     }
 
-    /// Which sites of a run, first and number, take what instead of what they have.
-    fn run<P: Pose>(
-        &self,
-        level: &Level<P>,
-        nnf: &Nnf<P>,
-        (first, length): (usize, usize),
-        sweep: Sweep,
-    ) -> Vec<(usize, Cell<P>)> {
+    /// Which of some sites take what instead of what they have.
+    fn run<P: Pose>(&self, level: &Level<P>, nnf: &Nnf<P>, sites: &[usize], sweep: Sweep) -> Vec<(usize, Cell<P>)> {
         let search = level.search();
-        let band = Band { search: &search, before: &nnf.cells, first };
-        let mut cells = nnf.cells[first..first + length].to_vec();
         let (mut candidates, mut scratch) = (Vec::new(), Scratch::default());
-        for k in 0..length {
-            let k = if sweep.backwards() { length - 1 - k } else { k };
-            if cells[k].place == Place::NONE {
-                continue;
-            }
-            let own = laid(level, first + k, nnf.cells[first + k]);
-            for propagates in [true, false] {
-                if propagates {
-                    band.propagated(&cells, k, sweep.backwards(), &mut candidates, &mut scratch);
-                } else {
-                    band.random(cells[k], first + k, sweep, &mut candidates, &mut scratch);
-                }
-                cells[k] = self.best(level, (first + k, cells[k]), &own, &mut candidates, &mut scratch);
+        let mut moved = Vec::new();
+        for &site in sites {
+            let band = Band { search: &search, before: &nnf.cells, first: site };
+            let own = laid(level, site, nnf.cells[site]);
+            band.propagated(&nnf.cells[site..=site], 0, sweep.backwards(), &mut candidates, &mut scratch);
+            let cell = self.best(level, (site, nnf.cells[site]), &own, &mut candidates, &mut scratch);
+            band.random(cell, site, sweep, &mut candidates, &mut scratch);
+            let cell = self.best(level, (site, cell), &own, &mut candidates, &mut scratch);
+            if cell != nnf.cells[site] {
+                moved.push((site, cell));
             }
         }
-        let changed = cells.into_iter().zip(first..).filter(|&(cell, site)| cell != nnf.cells[site]);
-        changed.map(|(cell, site)| (site, cell)).collect()
+        moved
     }
 
     /// The candidate that costs least with its price, or what the site has.

@@ -154,9 +154,9 @@ mod tests {
         let shot = Shot::of_picture(Picture { rgb: Rgb8 { width: 3, height: 1, data }, alpha: None });
         let frame = Opacity::Dark.multiplied(&shot).unwrap();
         assert_eq!(frame.alpha().data, [0.0, 1.0, 1.0]);
-        for c in 0..3 {
+        for (c, ink) in ink.into_iter().enumerate() {
             assert_eq!(frame.planes[c].data[0], 0.0, "paper leaves nothing");
-            assert!((frame.planes[c].data[2] - ink[c]).abs() < 0.003);
+            assert!((frame.planes[c].data[2] - ink).abs() < 0.003);
             // Over white again, all is as it was.
             for i in 0..3 {
                 let again = frame.planes[c].data[i] + 1.0 - frame.alpha().data[i];

@@ -83,7 +83,7 @@ impl ExemplarVideo {
         let (count, size) = (video.frames(), video.size());
         if let Some((flow, folder)) = video.flow.as_ref().zip(file.flow.as_ref()) {
             same_size(&flow.files.files[0], flow.size, size)?;
-            check_count(folder, Some(flow.files.len()), Some(count), true)?;
+            check_count(folder, Some(flow.files.frames()), Some(count), true)?;
         }
         let left = room.map(|room| room.saturating_sub(video.bytes()));
         video.parameters = parameters(file, size, count, left, observer)?;
