@@ -19,7 +19,7 @@ use ndarray::{Array2, Axis};
 
 use crate::assign::nodes::{STRIDE, positions};
 use crate::base::atomic_file::AtomicFolder;
-use crate::base::error::Result;
+use crate::base::error::{Error, Kind, Result};
 use crate::library::piece::PieceRef;
 use crate::raster::npy::{Element, write_array};
 use crate::synth::method::Outcome;
@@ -34,6 +34,11 @@ impl Arrays {
     /// # Errors
     /// A folder that holds anything, or a place that cannot be written to.
     pub fn create(path: &Path) -> Result<Self> {
+        if path.read_dir().is_ok_and(|mut entries| entries.next().is_some()) {
+            return Err(Error::file(Kind::Usage, path, "holds files already")
+                .allowed("a new or empty folder")
+                .remedy("name another with --arrays, or remove it"));
+        }
         AtomicFolder::create(path, |_| false).map(Self)
     }
 
@@ -123,7 +128,6 @@ fn nodes(record: &RunRecord) -> Option<(Array2<i32>, Array2<Entry>)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::base::error::Kind;
     use crate::library::piece::ClipId;
     use crate::library::variant::Variant;
     use crate::raster::npy::read_array;
@@ -175,6 +179,6 @@ mod tests {
         assert_eq!(names(), ["asked-speed.npy", "motion.npy"]);
         assert_eq!(read_array(&path.join("motion.npy")).unwrap().shape(), [1, 4, 5, 2]);
         assert_eq!(read_array(&path.join("asked-speed.npy")).unwrap().shape(), [1, 4, 5, 1]);
-        assert_eq!(Arrays::create(&path).err().unwrap().kind(), Kind::Io);
+        assert_eq!(Arrays::create(&path).err().unwrap().kind(), Kind::Usage);
     }
 }

@@ -592,7 +592,7 @@ fn a_run_is_handed_to_python_as_arrays() {
     assert_eq!(tree(&at("arrays")).len(), 6);
     // What is in a folder stays.
     let refused = format!("{line} -o y.npy --arrays arrays");
-    refuse(folder.path(), &refused, FAILED, &["arrays: holds ", "a new or empty folder", "write to another folder"]);
+    refuse(folder.path(), &refused, USAGE, &["arrays: holds files already", "a new or empty folder", "--arrays"]);
     assert!(!at("y.npy").exists());
 }
 
