@@ -80,16 +80,18 @@ pub struct Features {
     activity: Plane,
     /// Root mean square of what moves (of the clip) or is seen (of the picture), band by band, octaves.
     texture: Vec<Plane>,
+    /// Share of what is seen that stands still, 0 to 1.
+    still: Plane,
 }
 
 impl Features {
-    /// Averages what is within `weight`: motion and its length in pixels per frame, and squares of bands of luma, all at
-    /// one size.
+    /// Averages what is within `weight`: motion and its length in pixels per frame, squares of bands of luma that move and
+    /// of those that are seen, all at one size.
     ///
     /// # Panics
     /// When there are fewer than [`BANDS`] bands.
-    pub fn new(motion: [&Plane; 2], activity: &Plane, squares: &[Plane], weight: &Plane) -> Self {
-        assert!(squares.len() >= BANDS);
+    pub fn new(motion: [&Plane; 2], activity: &Plane, (squares, seen): (&[Plane], &[Plane]), weight: &Plane) -> Self {
+        assert!(squares.len().min(seen.len()) >= BANDS);
         let total = gaussian(weight, WINDOW);
         let mean = |plane: &Plane| {
             let weighted = plane.data.iter().zip(&weight.data).map(|(p, w)| p * w).collect();
@@ -98,7 +100,11 @@ impl Features {
             sum
         };
         let octaves = |v: f32| 0.5 * (v.max(0.0) + NOISE * NOISE).log2();
+        let [moving, seen] = [squares, seen].map(|bands| mean(&sum(&bands[..BANDS])));
+        let pairs = moving.data.iter().zip(&seen.data);
+        let still = pairs.map(|(m, s)| 1.0 - (m.max(0.0) / (s + NOISE * NOISE)).min(1.0).sqrt()).collect();
         Self {
+            still: Plane::from_vec(weight.width, weight.height, still),
             motion: motion.map(mean),
             activity: mean(activity),
             texture: par::map(BANDS, |k| mean(&squares[k]).map(octaves)),
@@ -114,8 +120,17 @@ impl Features {
             speed: speed.max(SLOW).log2(),
             fitful: 1.0 - (speed / activity.max(SLOW)).min(1.0),
             texture: std::array::from_fn(|k| self.texture[k].bilinear(x, y)),
+            still: self.still.bilinear(x, y),
         }
     }
+}
+
+fn sum(planes: &[Plane]) -> Plane {
+    let mut sum = planes[0].clone();
+    for plane in &planes[1..] {
+        sum.data.iter_mut().zip(&plane.data).for_each(|(s, v)| *s += v);
+    }
+    sum
 }
 
 /// One place.
@@ -128,6 +143,8 @@ struct Feature {
     /// Share of the motion that goes no way, 0 to 1.
     fitful: f32,
     texture: [f32; BANDS],
+    /// Share of its contrast that stands still, 0 to 1.
+    still: f32,
 }
 
 impl Feature {
@@ -143,6 +160,8 @@ pub struct Weights {
     pub speed: f32,
     /// Texture unlike the picture's.
     pub texture: f32,
+    /// Places that stand still for the most part: a shore or a horizon that shakes is no fluid.
+    pub still: f32,
     /// Footage that breaks off between neighbours.
     pub smooth: f32,
     /// Places that are shown elsewhere as well.
@@ -220,6 +239,7 @@ impl Solver<'_> {
         let texture = (0..BANDS).map(|k| share(wanted.texture[k] - self.shift[k] - place.texture[k])).sum::<f32>();
         self.weights.speed * (share(wanted.speed - place.speed) + place.fitful)
             + self.weights.texture * texture / BANDS as f32
+            + self.weights.still * place.still
     }
 
     /// The places that are most like what a node wants.
@@ -341,32 +361,38 @@ mod tests {
     use super::*;
 
     const SIZE: (usize, usize) = (240, 192);
+    const WEIGHTS: Weights = Weights { speed: 1.0, texture: 1.0, still: 0.0, smooth: 0.0, repeat: 0.0 };
 
-    /// Motion to the right, slow on the left half and fast on the right; texture of one strength.
-    fn clip() -> Features {
+    fn grid() -> NodeGrid {
+        NodeGrid::over(&Plane::filled(SIZE.0, SIZE.1, 1.0), 0.02).unwrap()
+    }
+
+    /// Motion to the right, slow on the left half and fast on the right; texture of one strength, of which `seen` times the
+    /// squares are seen on the left half.
+    fn clip(seen: f32) -> Features {
         let plane = |f: &dyn Fn(usize) -> f32| Plane::from_fn(SIZE.0, SIZE.1, |x, _| f(x));
         let speed = plane(&|x| if x < 120 { 1.0 } else { 4.0 });
-        let squares = vec![plane(&|_| 0.01); BANDS];
-        Features::new([&speed, &plane(&|_| 0.0)], &speed, &squares, &plane(&|_| 1.0))
+        let moving = vec![plane(&|_| 0.01); BANDS];
+        let seen = vec![plane(&|x| if x < 120 { 0.01 * seen } else { 0.01 }); BANDS];
+        Features::new([&speed, &plane(&|_| 0.0)], &speed, (&moving, &seen), &plane(&|_| 1.0))
     }
 
     /// Motion of `speed` towards `angle` everywhere.
     fn wanted(speed: f32, angle: f32) -> Features {
         let plane = |v: f32| Plane::filled(SIZE.0, SIZE.1, v);
         let (u, v) = (plane(speed * angle.cos()), plane(speed * angle.sin()));
-        Features::new([&u, &v], &plane(speed), &vec![plane(0.04); BANDS], &plane(1.0))
+        let seen = vec![plane(0.04); BANDS];
+        Features::new([&u, &v], &plane(speed), (&seen, &seen), &plane(1.0))
     }
 
-    fn chosen(picture: &Features, smooth: f32) -> Vec<Turned> {
-        let grid = NodeGrid::over(&Plane::filled(SIZE.0, SIZE.1, 1.0), 0.02).unwrap();
-        let weights = Weights { speed: 1.0, texture: 1.0, smooth, repeat: 0.0 };
-        choose(&grid, picture, &clip(), &weights, &Choice { clip: SIZE, phases: 3, seed: 1 }).unwrap()
+    fn chosen(picture: &Features, clip: &Features, weights: Weights) -> Vec<Turned> {
+        choose(&grid(), picture, clip, &weights, &Choice { clip: SIZE, phases: 3, seed: 1 }).unwrap()
     }
 
     #[test]
     fn footage_is_turned_until_it_moves_as_is_asked() {
         for angle in [0.0f32, 1.2, -2.8] {
-            for footage in chosen(&wanted(1.0, angle), 0.2) {
+            for footage in chosen(&wanted(1.0, angle), &clip(1.0), Weights { smooth: 0.2, ..WEIGHTS }) {
                 // A step along what is asked is a step to the right in the clip.
                 let (x, y) = footage.centre;
                 let (from, to) = (footage.place(x, y), footage.place(x + 5.0 * angle.cos(), y + 5.0 * angle.sin()));
@@ -377,33 +403,33 @@ mod tests {
     }
 
     #[test]
-    fn the_place_of_the_nearest_speed_is_taken() {
-        assert!(chosen(&wanted(1.0, 0.5), 0.0).iter().all(|f| f.source.0 < 120.0));
-        assert!(chosen(&wanted(4.0, 0.5), 0.0).iter().all(|f| f.source.0 > 120.0));
+    fn the_place_of_the_nearest_speed_is_taken_unless_it_stands_still() {
+        let left = |speed: f32, seen: f32, still: f32| {
+            let footage = chosen(&wanted(speed, 0.5), &clip(seen), Weights { still, ..WEIGHTS });
+            footage.iter().filter(|f| f.source.0 < 120.0).count() as f32 / footage.len() as f32
+        };
+        assert!(left(1.0, 1.0, 1.0) == 1.0 && left(4.0, 1.0, 1.0) == 0.0);
+        assert!(left(1.0, 50.0, 0.0) == 1.0 && left(1.0, 50.0, 1.0) == 0.0);
     }
 
     #[test]
     fn neighbours_continue_each_other_where_that_is_wanted() {
-        let broken = |footage: &[Turned]| {
-            let grid = NodeGrid::over(&Plane::filled(SIZE.0, SIZE.1, 1.0), 0.02).unwrap();
+        let broken = |smooth: f32| {
+            let (grid, footage) = (grid(), chosen(&wanted(1.0, 0.3), &clip(1.0), Weights { smooth, ..WEIGHTS }));
             let alike = |e: &super::super::nodes::Edge| {
                 let (a, b) = (&footage[e.a as usize], &footage[e.b as usize]);
                 a.alike(b, (0.5 * (a.centre.0 + b.centre.0), 0.5 * (a.centre.1 + b.centre.1)), 2.0) > 0.5
             };
             grid.edges.iter().filter(|e| !alike(e)).count() as f32 / grid.edges.len() as f32
         };
-        let (alone, together) = (broken(&chosen(&wanted(1.0, 0.3), 0.0)), broken(&chosen(&wanted(1.0, 0.3), 0.3)));
-        assert!(alone > 0.8 && together < 0.5, "{alone} {together}");
+        assert!(broken(0.0) > 0.8 && broken(0.3) < 0.5, "{} {}", broken(0.0), broken(0.3));
     }
 
     #[test]
     fn places_are_not_shown_over_and_over() {
-        let grid = NodeGrid::over(&Plane::filled(SIZE.0, SIZE.1, 1.0), 0.02).unwrap();
         let most = |repeat: f32| {
-            let weights = Weights { speed: 1.0, texture: 1.0, smooth: 0.0, repeat };
-            let choice = Choice { clip: SIZE, phases: 1, seed: 1 };
-            let footage = choose(&grid, &wanted(1.0, 0.5), &clip(), &weights, &choice).unwrap();
             let mut uses = Uses::new(SIZE);
+            let footage = chosen(&wanted(1.0, 0.5), &clip(1.0), Weights { repeat, ..WEIGHTS });
             footage.iter().for_each(|f| uses.add(f, 1));
             uses.counts.into_iter().max().unwrap()
         };
@@ -413,10 +439,9 @@ mod tests {
     #[test]
     fn a_clip_in_which_nothing_moves_has_nothing_to_give() {
         let zero = Plane::zeros(SIZE.0, SIZE.1);
-        let still = Features::new([&zero, &zero], &zero, &vec![zero.clone(); BANDS], &zero.map(|_| 1.0));
-        let grid = NodeGrid::over(&Plane::filled(SIZE.0, SIZE.1, 1.0), 0.02).unwrap();
-        let weights = Weights { speed: 1.0, texture: 1.0, smooth: 0.2, repeat: 0.0 };
+        let none = vec![zero.clone(); BANDS];
+        let still = Features::new([&zero, &zero], &zero, (&none, &none), &zero.map(|_| 1.0));
         let choice = Choice { clip: SIZE, phases: 1, seed: 1 };
-        assert!(choose(&grid, &wanted(1.0, 0.0), &still, &weights, &choice).is_none());
+        assert!(choose(&grid(), &wanted(1.0, 0.0), &still, &WEIGHTS, &choice).is_none());
     }
 }

@@ -26,6 +26,9 @@ pub struct Differences {
     plan: LoopPlan,
     /// Per pair of frames that are mixed, how alike they are.
     alike: Vec<f32>,
+    /// What the loop's frames differ from the mean on the whole: it stands still, and carried along a flow it would draw
+    /// lines.
+    rest: Plane,
 }
 
 impl Differences {
@@ -88,7 +91,19 @@ impl Differences {
         }
         let pairs = plan.mixed();
         let alike = par::map(pairs.len(), |i| correlation(&frames[pairs[i].0], &frames[pairs[i].1]));
-        Some(Self { average, frames, plan, alike })
+        let rest = average.map(|_| 0.0);
+        let mut out = Self { average, frames, plan, alike, rest };
+        out.rest = out.mean();
+        Some(out)
+    }
+
+    /// The mean over the loop.
+    fn mean(&self) -> Plane {
+        let mut sum = self.at(0);
+        for t in 1..self.length() {
+            sum.data.iter_mut().zip(&self.at(t).data).for_each(|(s, v)| *s += v);
+        }
+        sum.map(|v| v / self.length() as f32)
     }
 
     /// Width and height in pixels.
@@ -99,6 +114,11 @@ impl Differences {
     /// Frames of the clip.
     pub fn count(&self) -> usize {
         self.frames.len()
+    }
+
+    /// Frames of the loop.
+    pub fn length(&self) -> usize {
+        self.plan.length()
     }
 
     /// Luma of frame `t` of the clip.
@@ -112,7 +132,7 @@ impl Differences {
         differences
     }
 
-    /// Differences of frame `t` of the loop; those of two frames that are mixed have the contrast of one.
+    /// Differences of frame `t` of the loop, of mean 0 over it; those of two frames that are mixed have the contrast of one.
     pub fn at(&self, t: usize) -> Plane {
         let blend @ Blend { a, b, pair } = self.plan.at(t);
         let mut out = self.frames[a.frame].unpacked();
@@ -122,6 +142,7 @@ impl Differences {
             let (wa, wb) = (gain * a.weight, gain * b.weight);
             out.data.iter_mut().zip(&other.data).for_each(|(a, b)| *a = wa * *a + wb * b);
         }
+        out.data.iter_mut().zip(&self.rest.data).for_each(|(d, r)| *d -= r);
         out
     }
 
@@ -144,4 +165,45 @@ fn still(path: &Path, method: &str) -> Error {
 
 fn motionless(path: &Path) -> Error {
     Error::file(Kind::Unusable, path, "nothing moves in the clip").remedy("name another one")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::base::rng::{hash, unit};
+    use crate::video::looping::{Distances, plan_loop};
+
+    /// Noise over a slope, ever brighter on the left: what a loop of some frames shows is not what all show.
+    fn differences(frames: usize) -> Differences {
+        let luma = |t: usize| {
+            let noise = move |x: usize, y: usize| unit(hash(t as u64, &[x as u64, y as u64]));
+            Plane::from_fn(40, 30, |x, y| 0.2 * noise(x, y) + if x < 20 { 0.01 * t as f32 } else { 0.3 })
+        };
+        let lumas: Vec<Plane> = (0..50).map(luma).collect();
+        let plan = plan_loop(&Distances::between(&lumas), &[], frames, 8).unwrap();
+        Differences::from_frames(50, luma, plan).unwrap()
+    }
+
+    #[test]
+    fn a_loop_has_no_difference_that_stands_still_and_keeps_its_contrast() {
+        let clip = differences(24);
+        assert_eq!((clip.length(), clip.count(), clip.size()), (24, 50, (40, 30)));
+        assert!(clip.mean().data.iter().all(|v| v.abs() < 1e-5));
+        // The deviation of even noise is its width over √12.
+        let wanted = 0.2 / 12f32.sqrt();
+        for t in 0..24 {
+            let right: Vec<f32> = (0..30).flat_map(|y| clip.at(t).row(y)[20..].to_vec()).collect();
+            let deviation = (right.iter().map(|v| v * v).sum::<f32>() / right.len() as f32).sqrt();
+            assert!((deviation / wanted - 1.0).abs() < 0.2, "frame {t}: {deviation} of {wanted}");
+        }
+    }
+
+    #[test]
+    fn frames_are_the_average_and_their_differences() {
+        let clip = differences(24);
+        let wanted = 0.1 + 0.3;
+        assert!((clip.average.data.iter().skip(20).step_by(40).sum::<f32>() / 30.0 - wanted).abs() < 0.01);
+        let plan = plan_loop(&Distances::between(&vec![Plane::zeros(8, 8); 20]), &[], 12, 4).unwrap();
+        assert!(Differences::from_frames(20, |_| Plane::filled(8, 8, 0.5), plan).is_none(), "nothing moves");
+    }
 }

@@ -30,7 +30,7 @@ use crate::render::drift::Travel;
 use crate::render::layout::BANDS;
 use crate::render::patchwork::Patchwork;
 use crate::render::recover::{AssignedMotion, Recovery, make_room, recover};
-use crate::render::residuals::{Memory, Packed, Residuals};
+use crate::render::residuals::{Packed, Residuals};
 use crate::render::transport::{Inflow, Transport};
 use crate::scene::scene::{Scene, Still};
 use crate::scene::target::Target;
@@ -47,10 +47,6 @@ use crate::video::clip::Sink;
 const SAMPLES: usize = 12;
 /// Frames that appearance matching learns from.
 const MATCHED: usize = 8;
-/// Speed that counts as none in the clip, pixels per frame.
-const SLOW: f32 = 0.1;
-/// Most that the picture's flow counts as faster than the clip's.
-const HASTE: f32 = 8.0;
 /// Window over which the share of a band that moves is measured, pixels of the clip.
 const WINDOW: f32 = 20.0;
 
@@ -58,22 +54,21 @@ declare_options! {
     /// Options of the method.
     pub struct Options named "okabe2009" {
         /// Share of the way that the asked flow is turned towards the picture's streaks, where these are sure.
-        refine: f32 = 0.7, in 0, 1, "ratio", "Okabe 2009; ours";
+        refine: f32 = 0.5, in 0, 1, "ratio", "Okabe 2009; ours";
         /// Streaks farther from the asked direction than this are none of the flow's.
         refine_angle: f32 = 40.0, in 1, 90, "degrees", "ours";
         /// Weight of how unlike the clip's speed is to the one asked for, where a piece of it is chosen.
         speed: f32 = 0.5, in 0, 10, "ratio", "Okabe 2009; ours";
         /// Weight of how unlike its texture is to the picture's.
         texture: f32 = 1.0, in 0, 10, "ratio", "Okabe 2009; ours";
+        /// Weight of the share of its contrast that stands still.
+        still: f32 = 0.5, in 0, 10, "ratio", "ours";
         /// Weight of pieces that do not continue their neighbours.
         smooth: f32 = 0.2, in 0, 10, "ratio", "ours";
         /// Weight of places that are shown elsewhere as well.
         repeat: f32 = 0.3, in 0, 10, "ratio", "ours";
         /// Phases of its loop that the clip is used at: more keeps copies from moving in unison.
         phases: usize = 4, in 1, 16, "phases", "ours";
-        /// How much sooner differences are forgotten where the picture's flow is faster than the clip's: 0 in the same time,
-        /// 1 over the same way.
-        hurry: f32 = 0.5, in 0, 1, "ratio", "ours";
         /// Long side of the clip; 0 is that of the working image. It is never enlarged.
         exemplar_size: usize = 0, in 0, 4096, "pixels", "ours";
         /// Exposure of the average image: a streak is this many frames of motion long.
@@ -129,6 +124,8 @@ struct Run<'a> {
 /// A clip taken apart.
 struct TakenApart {
     differences: Differences,
+    /// Mean squares of its bands: of what moves, and of what is seen.
+    squares: [Vec<Plane>; 2],
     motion: MeanMotion,
     residuals: Residuals,
 }
@@ -146,8 +143,8 @@ impl Synthesizer for Okabe2009 {
         let grid = NodeGrid::over(&still.working_matte, 0.02)?;
         let footage = choose(&run, &grid, &clip)?;
         let patchwork = Patchwork::new(still.map.working, &grid, &footage);
-        let moving = moving(&clip.differences, &patchwork);
-        let made = carry(&run, &clip, &patchwork)?;
+        let moving = moving(&clip.squares, &patchwork);
+        let made = carry(&run, &clip.residuals, &patchwork)?;
         drop(clip);
         let (compositor, shown) = finish(&run, made, &moving)?;
         writing::show(scene, &compositor, &still.working_matte, |t| Cow::Owned(shown[t].unpacked()), sink, observer)?;
@@ -181,25 +178,32 @@ fn take_apart(run: &Run) -> Result<TakenApart> {
     let residuals = stage(observer, "residuals", frames as u64, || {
         Residuals::of(frames, |t| differences.at(t), &transport, "residuals", observer)
     })?;
-    Ok(TakenApart { differences, motion, residuals })
+    Ok(TakenApart { squares: squares(&differences), differences, motion, residuals })
+}
+
+/// Mean squares of the bands of a clip, at its size: of what moves, and of what is seen.
+fn squares(differences: &Differences) -> [Vec<Plane>; 2] {
+    let moving = par::map(SAMPLES, |i| differences.at(i * differences.length() / SAMPLES));
+    let seen: Vec<Plane> = moving.iter().map(|d| differences.seen(d.clone())).collect();
+    [moving, seen].map(|planes| sized(&mean_squares(&planes), differences.size()))
+}
+
+fn sized(planes: &[Plane], (width, height): (usize, usize)) -> Vec<Plane> {
+    planes.iter().map(|p| resize(p, width, height)).collect()
 }
 
 /// Which piece of the clip goes where.
 fn choose(run: &Run, grid: &NodeGrid, clip: &TakenApart) -> Result<Vec<Turned>> {
     let Run { options, scene, still, flow, .. } = *run;
-    let sized = |squares: Vec<Plane>, (width, height): (usize, usize)| -> Vec<Plane> {
-        squares.iter().map(|s| resize(s, width, height)).collect()
-    };
     let (matte, luma) = (&still.working_matte, spread(&still.working.luma(), &still.working_matte));
-    let squares = sized(mean_squares(&[luma]), still.map.working);
-    let picture = Features::new([&flow.u, &flow.v], &flow.magnitude(), &squares, matte);
+    let seen = sized(&mean_squares(&[luma]), still.map.working);
+    let picture = Features::new([&flow.u, &flow.v], &flow.magnitude(), (&seen, &seen), matte);
     let size = clip.differences.size();
-    let squares = sized(mean_squares(&samples(&clip.differences)), size);
     let everywhere = Plane::filled(size.0, size.1, 1.0);
-    let mean = &clip.motion.mean;
-    let features = Features::new([&mean.u, &mean.v], &clip.motion.activity, &squares, &everywhere);
-    let &Options { speed, texture, smooth, repeat, .. } = options;
-    let weights = Weights { speed, texture, smooth, repeat };
+    let ([moving, seen], mean) = (&clip.squares, &clip.motion.mean);
+    let features = Features::new([&mean.u, &mean.v], &clip.motion.activity, (moving, seen), &everywhere);
+    let &Options { speed, texture, still: stands, smooth, repeat, .. } = options;
+    let weights = Weights { speed, texture, still: stands, smooth, repeat };
     let choice = Choice { clip: size, phases: options.phases, seed: scene.settings().output.seed };
     turned::choose(grid, &picture, &features, &weights, &choice).ok_or_else(|| {
         Error::new(Kind::Unusable, "exemplar", "nothing in the clip moves enough to be seen")
@@ -207,41 +211,25 @@ fn choose(run: &Run, grid: &NodeGrid, clip: &TakenApart) -> Result<Vec<Turned>> 
     })
 }
 
-/// Some of the clip's differences.
-fn samples(differences: &Differences) -> Vec<Plane> {
-    let frames = differences.count();
-    let sample = |i: usize| {
-        let mut plane = differences.frame(i * (frames - 1) / (SAMPLES - 1));
-        plane.data.iter_mut().zip(&differences.average.data).for_each(|(v, a)| *v -= a);
-        plane
-    };
-    par::map(SAMPLES, sample)
-}
-
 /// Share of the clip's contrast that moves, band by band, where its pieces lie on the picture.
-fn moving(differences: &Differences, patchwork: &Patchwork) -> [Plane; BANDS] {
-    let (width, height) = differences.size();
-    let samples = samples(differences);
-    let seen: Vec<Plane> = samples.iter().map(|s| differences.seen(s.clone())).collect();
-    let (moving, seen) = (mean_squares(&samples), mean_squares(&seen));
-    let share = |k: usize| {
-        let [moving, seen] = [&moving[k], &seen[k]].map(|s| gaussian(&resize(s, width, height), WINDOW));
+fn moving([moving, seen]: &[Vec<Plane>; 2], patchwork: &Patchwork) -> [Plane; BANDS] {
+    std::array::from_fn(|k| {
+        let [moving, seen] = [&moving[k], &seen[k]].map(|s| gaussian(s, WINDOW));
         let pairs = moving.data.iter().zip(&seen.data);
         let share = pairs.map(|(m, s)| (m.max(0.0) / s.max(1e-9)).min(1.0).sqrt()).collect();
-        patchwork.quantity(&Plane::from_vec(width, height, share))
-    };
-    std::array::from_fn(share)
+        patchwork.quantity(&Plane::from_vec(moving.width, moving.height, share))
+    })
 }
 
 /// Adds the residuals up along the flow: `D′_t = ρ W′(D′_{t−1}) + R′_t`. Residuals go round, so what is left of the first
 /// frames' past after some rounds closes the loop by itself.
-fn carry(run: &Run, clip: &TakenApart, patchwork: &Patchwork) -> Result<Vec<Packed>> {
-    let (observer, frames) = (run.observer, clip.residuals.count());
-    let memory = placed_memory(run, clip, patchwork);
+fn carry(run: &Run, residuals: &Residuals, patchwork: &Patchwork) -> Result<Vec<Packed>> {
+    let (observer, frames) = (run.observer, residuals.count());
+    let memory = residuals.memory.placed(|rho| patchwork.quantity(rho));
     let transport = Transport::along(run.flow, Inflow::Nothing);
     let run_in = memory.length();
     stage(observer, "carry", (2 * frames + run_in) as u64, || {
-        let mut made = transferred(run, &clip.residuals, patchwork)?;
+        let mut made = transferred(run, residuals, patchwork)?;
         let mut now = made[0].unpacked().map(|_| 0.0);
         for step in 0..run_in + frames {
             observe::check(observer)?;
@@ -268,18 +256,6 @@ fn transferred(run: &Run, residuals: &Residuals, patchwork: &Patchwork) -> Resul
         Ok(Packed::new(&patchwork.residual(&shown)))
     };
     (0..frames).map(frame).collect()
-}
-
-/// The clip's memory where its pieces lie, shorter where they hurry.
-fn placed_memory(run: &Run, clip: &TakenApart, patchwork: &Patchwork) -> Memory {
-    let speed = patchwork.quantity(&clip.motion.mean.magnitude());
-    let hurry = |(speed, asked): (&f32, f32)| (asked / speed.max(SLOW)).clamp(1.0, HASTE).powf(run.options.hurry);
-    let powers: Vec<f32> = speed.data.iter().zip(run.flow.magnitude().data).map(hurry).collect();
-    clip.residuals.memory.placed(|rho| {
-        let mut rho = patchwork.quantity(rho);
-        rho.data.iter_mut().zip(&powers).for_each(|(r, p)| *r = r.powf(*p));
-        rho
-    })
 }
 
 /// The picture's average image, what is laid over it, and the differences as they are shown.
