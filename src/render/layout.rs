@@ -161,7 +161,10 @@ impl Layout {
     pub fn groups(&self) -> Vec<usize> {
         let key = |p: &Placement| {
             let offset = |piece: usize, node: usize| piece as isize - node as isize;
-            (p.source, p.variant, offset(p.piece.0, p.node.0), offset(p.piece.1, p.node.1))
+            let Variant { flip, scale, rotation } = p.variant;
+            let pose = [isize::from(flip), scale as isize, rotation as isize];
+            // One array: sorting a tuple of as many fields takes five seconds to compile.
+            [p.source as isize, pose[0], pose[1], pose[2], offset(p.piece.0, p.node.0), offset(p.piece.1, p.node.1)]
         };
         let mut keys: Vec<_> = self.placements.iter().map(key).collect();
         keys.sort_unstable();
