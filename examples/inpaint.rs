@@ -11,7 +11,7 @@ use std::time::Instant;
 use anyhow::{Context, Result, ensure};
 use enliven::base::par;
 use enliven::raster::image::Color;
-use enliven::raster::picture_io::{read_grey, read_picture, write_png};
+use enliven::raster::picture_io::{read_matte, read_picture, write_png};
 use enliven::raster::resample::resize;
 use enliven::render::inpaint::inpaint;
 use rustix::time::{ClockId, clock_gettime};
@@ -24,7 +24,7 @@ fn main() -> Result<()> {
     ensure!((3..=4).contains(&arguments.len()), "PICTURE MATTE OUT.png [LONG_SIDE]");
     let side: usize = arguments.get(3).map_or(Ok(640), |side| side.display().to_string().parse())?;
     let picture = read_picture(&arguments[0]).with_context(|| arguments[0].display().to_string())?.rgb.to_color();
-    let matte = read_grey(&arguments[1]).with_context(|| arguments[1].display().to_string())?;
+    let matte = read_matte(&arguments[1]).with_context(|| arguments[1].display().to_string())?;
     let (width, height) = (matte.width, matte.height);
     let scale = side as f64 / width.max(height) as f64;
     let size = |v: usize| ((v as f64 * scale).round() as usize).max(1);

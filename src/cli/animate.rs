@@ -38,7 +38,7 @@ pub struct Animate {
     #[arg(long, value_name = "CLIP", value_delimiter = ',')]
     pub without: Vec<String>,
     /// Picture, clip or folder of frames of a fluid whose looks are borrowed, for the exemplar methods; may be given more
-    /// than once [default: the picture's own fluid]
+    /// than once [default: the picture's own fluid; okabe2009 needs one clip]
     #[arg(long, value_name = "PICTURE|CLIP")]
     pub exemplar: Vec<PathBuf>,
     /// Opacity of the exemplar: a grey picture or clip of its size, "luminance" for footage on black, or "darkness" for
@@ -92,7 +92,7 @@ pub struct Animate {
     #[arg(long)]
     pub seed: Option<u64>,
     /// Write the fluid alone with its opacity, for another program to lay over something: into a folder of PNG frames,
-    /// .webp, .apng or .gif, which carry opacity (.mp4 and .y4m do not)
+    /// .webp, .apng, .gif or .npy, which carry opacity (.mp4 and .y4m do not)
     #[arg(long)]
     pub alpha: bool,
     /// An option of a method; may be given more than once

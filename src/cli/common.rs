@@ -124,7 +124,23 @@ impl Observer for Terminal {
 
 /// Reads the command line with `parse`, once it is sure that the environment asks for nothing wrong, and does `work`.
 pub fn main<T>(parse: impl FnOnce() -> T, work: impl FnOnce(&T) -> Result<()>) -> ExitCode {
-    exit(instructions::wanted().and_then(InstructionSet::choose).and_then(|()| work(&parse())))
+    let told = set_on_command_line(std::env::args_os().map(|word| word.to_string_lossy().into_owned()));
+    exit(instructions::wanted().and_then(|set| told.unwrap_or(set).choose()).and_then(|()| work(&parse())))
+}
+
+/// The set that `--instructions` names, read before all else: `--version` tells the set in use and leaves while the other
+/// options are still unread. A name that is none is left to the reader of options.
+fn set_on_command_line(words: impl Iterator<Item = String>) -> Option<InstructionSet> {
+    let mut words = words.take_while(|word| word != "--");
+    while let Some(word) = words.next() {
+        if word == "--instructions" {
+            return words.next()?.parse().ok();
+        }
+        if let Some(name) = word.strip_prefix("--instructions=") {
+            return name.parse().ok();
+        }
+    }
+    None
 }
 
 /// Prints an error as one line and turns a result into the process's exit code.

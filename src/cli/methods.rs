@@ -2,11 +2,12 @@
 
 use serde_json::json;
 
-use crate::base::error::{Error, Kind, Result};
+use crate::base::error::Result;
 use crate::base::options::Declared;
 use crate::cli::common::say;
 use crate::synth::method::MethodEntry;
 use crate::synth::methods::REGISTRY;
+use crate::synth::run::check_names;
 
 /// List the methods and all their options.
 #[derive(Debug, Clone, clap::Args)]
@@ -25,10 +26,7 @@ impl Methods {
     /// # Errors
     /// A method that there is not.
     pub fn run(&self) -> Result<()> {
-        let known: Vec<&str> = REGISTRY.iter().map(|method| method.name).collect();
-        if let Some(unknown) = self.only.iter().find(|name| !known.contains(&name.as_str())) {
-            return Err(Error::new(Kind::Usage, "method", format!("no method {unknown:?}")).allowed(known.join(", ")));
-        }
+        check_names("method", &self.only)?;
         let wanted = |method: &&MethodEntry| self.only.is_empty() || self.only.iter().any(|name| name == method.name);
         if self.json {
             say!("{}", REGISTRY.iter().filter(wanted).map(as_json).collect::<serde_json::Value>());

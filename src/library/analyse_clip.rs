@@ -133,7 +133,7 @@ fn notes(report: &ConformReport) -> Vec<String> {
 
 /// A clip's mask at working size: 1 where its motion counts.
 fn read_mask(path: &Path, report: &ConformReport) -> Result<Plane> {
-    let mask = picture_io::read_grey(path)?;
+    let mask = picture_io::read_matte(path)?;
     let (w, h) = report.source;
     let turned_size = if matches!(report.turn, Turn::Left | Turn::Right) { (h, w) } else { (w, h) };
     if (mask.width, mask.height) != turned_size {

@@ -43,9 +43,57 @@ pub fn read_picture(path: &Path) -> Result<Picture> {
 /// alpha where it has one, so that white paint on transparency is a matte.
 ///
 /// # Errors
-/// Those of [`read_picture`].
+/// Those of [`read_picture`]; a picture in colour, since what a colour would stand for is a guess.
 pub fn read_grey(path: &Path) -> Result<Plane> {
-    Ok(grey(decode(path)?))
+    let image = decode(path)?;
+    if is_coloured(&image) {
+        return Err(Error::file(Kind::Unusable, path, "is in colour, where white, black and greys are meant")
+            .remedy("paint it in white on black, or turn it to grey"));
+    }
+    Ok(grey(image))
+}
+
+/// Whether more than one in a hundred of the pixels that are not black have a colour that cannot be a tint of paper or the
+/// noise of a JPEG: a saturation above 0.3.
+fn is_coloured(image: &DynamicImage) -> bool {
+    if !image.color().has_color() {
+        return false;
+    }
+    let is_painted = |[r, g, b, a]: [u8; 4]| u32::from(r.max(g).max(b)) * u32::from(a) > 26 * 255;
+    let is_coloured = |[r, g, b, _]: [u8; 4]| {
+        let most = r.max(g).max(b);
+        10 * u32::from(most - r.min(g).min(b)) > 3 * u32::from(most)
+    };
+    let (mut painted, mut coloured) = (0_usize, 0);
+    let mut count = |pixel: [u8; 4]| {
+        painted += usize::from(is_painted(pixel));
+        coloured += usize::from(is_painted(pixel) && is_coloured(pixel));
+    };
+    match image {
+        DynamicImage::ImageRgb8(pixels) => pixels.pixels().for_each(|p| count([p[0], p[1], p[2], 255])),
+        DynamicImage::ImageRgba8(pixels) => pixels.pixels().for_each(|p| count(p.0)),
+        deep => deep.to_rgba8().pixels().for_each(|p| count(p.0)),
+    }
+    100 * coloured > painted
+}
+
+/// Reads a matte: grey in [0, 1], 1 where the fluid is.
+///
+/// # Errors
+/// Those of [`read_grey`]; a matte that is all black, or so dark that its numbers must mean something else (0 and 1 for
+/// no and yes, or 8-bit values in a file of 16 bits).
+pub fn read_matte(path: &Path) -> Result<Plane> {
+    let matte = read_grey(path)?;
+    let most = matte.data.iter().copied().fold(0.0, f32::max);
+    if most < 0.1 {
+        let problem = if most == 0.0 {
+            "is all black: nothing is marked as fluid".to_owned()
+        } else {
+            format!("almost nothing is marked as fluid: its brightest pixel has {:.1} % of white", most * 100.0)
+        };
+        return Err(Error::file(Kind::Unusable, path, problem).remedy("paint white (255, or 65535) where the fluid is"));
+    }
+    Ok(matte)
 }
 
 fn grey(image: DynamicImage) -> Plane {
@@ -281,6 +329,29 @@ mod tests {
         let grey = read_grey(&path).unwrap().data;
         assert!(grey[0] == 0.0 && grey[1] > 0.9999);
         assert_eq!(read_picture(&path).unwrap().alpha, Some(vec![0, 255]));
+    }
+
+    #[test]
+    fn a_matte_in_colour_or_of_small_numbers_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let refused = |image: DynamicImage, part: &str| {
+            image.save(&path).unwrap();
+            let error = read_matte(&path).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        };
+        let red = |x: u32, _| image::Rgb(if x < 4 { [0; 3] } else { [220, 20, 15_u8] });
+        refused(image::ImageBuffer::from_fn(8, 8, red).into(), "is in colour");
+        let paint = |x: u32, _| image::Rgba([40, 200, 30, if x < 4 { 0 } else { 255_u8 }]);
+        refused(image::ImageBuffer::from_fn(8, 8, paint).into(), "is in colour");
+        refused(image::ImageBuffer::from_fn(8, 8, |x, _| image::Luma([(x / 4) as u8])).into(), "0.4 % of white");
+        refused(image::ImageBuffer::from_fn(8, 8, |x, _| image::Luma([(x / 4) as u16 * 255])).into(), "0.4 % of white");
+        refused(image::ImageBuffer::from_pixel(8, 8, image::Luma([0_u8])).into(), "is all black");
+        // Clear pixels have any colour; a tint of paper is grey.
+        let clear = |x: u32, _| image::Rgba(if x < 4 { [255, 0, 0, 0] } else { [250, 240, 200, 255_u8] });
+        DynamicImage::from(image::ImageBuffer::from_fn(8, 8, clear)).save(&path).unwrap();
+        let matte = read_matte(&path).unwrap();
+        assert!(matte.at(3, 0) == 0.0 && matte.at(4, 0) > 0.9);
     }
 
     #[test]

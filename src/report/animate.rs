@@ -109,6 +109,7 @@ impl Places<'_> {
         let scene = prepared.scene();
         let inputs = self.inputs(scene.settings());
         self.refuse_input(&inputs)?;
+        self.refuse_shared_arrays()?;
         sink::check_writable(output)?;
         let to_stdout = output == Path::new("-");
         let settings = scene.settings().output;
@@ -161,6 +162,19 @@ impl Places<'_> {
 
     /// Refuses to write over what the video is made from, by the video or the report; and over files in the folder of the
     /// report that are not an earlier report's.
+    /// Refuses arrays in the place of the video or of the page.
+    fn refuse_shared_arrays(&self) -> Result<()> {
+        let whole = |path: &Path| std::path::absolute(path).map(|path| path.components().collect::<PathBuf>()).ok();
+        let Some(arrays) = self.arrays else { return Ok(()) };
+        let shared = [Some(self.output), self.report].into_iter().flatten().any(|path| whole(path) == whole(arrays));
+        if !shared {
+            return Ok(());
+        }
+        Err(Error::file(Kind::Usage, arrays, "is named with --arrays, and for something else too")
+            .allowed("a folder for the arrays alone")
+            .remedy("name another folder with --arrays"))
+    }
+
     fn refuse_input(&self, inputs: &Inputs) -> Result<()> {
         let remedy = "give another name with -o, or another folder with --report";
         if self.output != Path::new("-") {

@@ -19,27 +19,26 @@ use ndarray::{Array2, Axis};
 
 use crate::assign::nodes::{STRIDE, positions};
 use crate::base::atomic_file::AtomicFolder;
-use crate::base::error::{Error, Kind, Result};
+use crate::base::error::Result;
 use crate::library::piece::PieceRef;
 use crate::raster::npy::{Element, write_array};
 use crate::synth::method::Outcome;
 use crate::synth::record::{NodeRecord, RunRecord};
 
-/// A folder of arrays being filled, which appears whole.
+/// All files that may be in the folder.
+const NAMES: [&str; 6] =
+    ["frames.npy", "motion.npy", "asked-direction.npy", "asked-speed.npy", "labels.npy", "nodes.npy"];
+
+/// A folder of arrays being filled, which appears whole, in place of the arrays of an earlier run.
 pub struct Arrays(AtomicFolder);
 
 impl Arrays {
     /// Begins the folder `path`.
     ///
     /// # Errors
-    /// A folder that holds anything, or a place that cannot be written to.
+    /// A folder that holds anything but arrays of these names, or a place that cannot be written to.
     pub fn create(path: &Path) -> Result<Self> {
-        if path.read_dir().is_ok_and(|mut entries| entries.next().is_some()) {
-            return Err(Error::file(Kind::Usage, path, "holds files already")
-                .allowed("a new or empty folder")
-                .remedy("name another with --arrays, or remove it"));
-        }
-        AtomicFolder::create(path, |_| false).map(Self)
+        AtomicFolder::create(path, |name| NAMES.contains(&name)).map(Self)
     }
 
     /// Where the frames go until the folder is finished.
@@ -179,6 +178,9 @@ mod tests {
         assert_eq!(names(), ["asked-speed.npy", "motion.npy"]);
         assert_eq!(read_array(&path.join("motion.npy")).unwrap().shape(), [1, 4, 5, 2]);
         assert_eq!(read_array(&path.join("asked-speed.npy")).unwrap().shape(), [1, 4, 5, 1]);
-        assert_eq!(Arrays::create(&path).err().unwrap().kind(), Kind::Usage);
+        Arrays::create(&path).unwrap().finish(&Outcome { arrays: Vec::new(), ..outcome }).unwrap();
+        assert!(names().is_empty(), "an earlier run's arrays go");
+        std::fs::write(path.join("mine.npy"), "").unwrap();
+        assert!(Arrays::create(&path).is_err());
     }
 }

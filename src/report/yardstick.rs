@@ -10,7 +10,7 @@ use crate::measure::Footage;
 use crate::measure::footage::LONG_SIDE;
 use crate::measure::read;
 use crate::raster::image::Plane;
-use crate::raster::picture_io::read_grey;
+use crate::raster::picture_io::read_matte;
 use crate::raster::resample::resize_rgb8;
 use crate::scene::asked::Asked;
 use crate::scene::designed::Designed;
@@ -119,7 +119,7 @@ impl Yardstick {
         let long_side = self.reference.long_side;
         let frames = stage(observer, "read reference", 0, || read::reference(&path, fps, long_side, observer))?;
         let same = frames.first().is_some_and(|f| (f.width, f.height) == size);
-        let own = self.reference.matte.as_deref().map(read_grey).transpose()?;
+        let own = self.reference.matte.as_deref().map(read_matte).transpose()?;
         if own.is_none() && self.matte().is_some() {
             let where_from = if same { "the scene's matte" } else { "all of it counts" };
             observer.note(&format!("{}: no matte of its own: {where_from}", path.display()));

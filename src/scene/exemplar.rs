@@ -72,7 +72,7 @@ pub fn open_moving(path: &Path) -> Result<Option<Box<dyn Source>>> {
 /// number of frames, as far as the files say it.
 pub(super) fn check(exemplars: &[ExemplarFile]) -> Result<()> {
     for (exemplar, n) in exemplars.iter().zip(1..) {
-        check_names(exemplar, n)?;
+        check_names(exemplar, Some(n).filter(|_| exemplars.len() > 1))?;
         exemplar.clone().paths().try_for_each(|path| exists(path))?;
         if exemplars[..n - 1].iter().any(|other| other.frames == exemplar.frames) {
             return Err(Error::file(Kind::Usage, &exemplar.frames, "is named as an exemplar twice")
@@ -83,23 +83,25 @@ pub(super) fn check(exemplars: &[ExemplarFile]) -> Result<()> {
     Ok(())
 }
 
-/// Refuses an exemplar without frames, and a word that stands for nothing.
-fn check_names(exemplar: &ExemplarFile, n: usize) -> Result<()> {
+/// Refuses an exemplar without frames, and a word that stands for nothing. `n` is its number in a list, none where it is the
+/// only one and may be named without a list.
+fn check_names(exemplar: &ExemplarFile, n: Option<usize>) -> Result<()> {
     if exemplar.frames.as_os_str().is_empty() {
-        return Err(match &exemplar.opacity {
-            Some(alpha) if exemplar.flow.is_none() && exemplar.parameters.is_none() => {
+        return Err(match (&exemplar.opacity, n) {
+            (Some(alpha), None) if exemplar.flow.is_none() && exemplar.parameters.is_none() => {
                 let problem = format!("{} is given without an exemplar to go with it", alpha.path().display());
                 Error::new(Kind::Usage, "exemplar_alpha", problem)
                     .remedy("name an exemplar too; the opacity of the picture's own fluid is its matte")
             }
-            _ => Error::new(Kind::Usage, format!("exemplars {n}.frames"), "is missing")
+            (_, n) => Error::new(Kind::Usage, format!("exemplars {}.frames", n.unwrap_or(1)), "is missing")
                 .allowed("a picture, a clip, a folder of pictures or an .npy file"),
         });
     }
     match &exemplar.opacity {
         Some(Opacity::File(word)) if word.extension().is_none() && !word.exists() => {
+            let name = n.map_or("exemplar_alpha".to_owned(), |n| format!("exemplars {n}.opacity"));
             let problem = format!("{} is no file and no known word", word.display());
-            Err(Error::new(Kind::Usage, "exemplar_alpha", problem)
+            Err(Error::new(Kind::Usage, name, problem)
                 .allowed(format!("{LUMINANCE:?}, {DARKNESS:?}, or a grey picture or clip")))
         }
         _ => Ok(()),

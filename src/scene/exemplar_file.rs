@@ -10,6 +10,8 @@ use crate::base::text::counted;
 
 /// Keys of an entry of `[[exemplars]]`.
 pub const EXEMPLAR_KEYS: [&str; 4] = ["frames", "opacity", "flow", "parameters"];
+/// How a list is written.
+const LIST: &str = "for several exemplars write [[exemplars]], and below it frames = \"FILE\", once for each";
 /// The word that stands for a file of opacity: what is bright is opaque.
 pub const LUMINANCE: &str = "luminance";
 /// The word that stands for a file of opacity: what is dark is opaque.
@@ -121,6 +123,9 @@ pub fn with_opacities(mut exemplars: Vec<ExemplarFile>, opacities: Vec<PathBuf>)
 pub(super) fn check_keys(table: &toml::Table) -> Result<()> {
     let text = |name: &str, value: &toml::Value| match value {
         toml::Value::String(_) => Ok(()),
+        toml::Value::Table(_) | toml::Value::Array(_) => {
+            Err(Error::new(Kind::Usage, name, "is no text").allowed("the path of a file").remedy(LIST))
+        }
         other => Err(Error::new(Kind::Usage, name, format!("{other} is not text")).allowed("the path of a file")),
     };
     let alone = ["exemplar", "exemplar_alpha"];

@@ -13,7 +13,7 @@ use crate::base::observe::Observer;
 use crate::base::options::Table;
 use crate::flow::strokes::MAX_SPEED;
 use crate::raster::image::{Color, Plane, Rgb8};
-use crate::raster::picture_io::{picture_size, read_grey, read_picture};
+use crate::raster::picture_io::{picture_size, read_matte, read_picture};
 use crate::raster::resample::{resize, resize_channel, resize_rgb8};
 use crate::simulate;
 use crate::simulate::output::SIMULATION_FILE;
@@ -257,6 +257,10 @@ impl Scene {
             return Ok((Plane::filled(output.0, output.1, 1.0), Plane::filled(working.0, working.1, 1.0)));
         };
         let matte = read_matte(path)?;
+        if mostly_grey(&matte) {
+            let file = path.display();
+            observer.note(&format!("{file}: most of the matte is grey, and grey moves in part; white is all fluid"));
+        }
         let working = resize_matte(&matte, working);
         Ok((if self.map.picture == output { matte } else { resize_matte(&matte, output) }, working))
     }
@@ -353,14 +357,14 @@ fn library_exists(path: &Path) -> Result<()> {
         .remedy("build one with `enliven-db build CLIPS -o NAME.pack`, or name an existing one"))
 }
 
-/// Reads a matte, which must have a pixel of fluid.
-fn read_matte(path: &Path) -> Result<Plane> {
-    let matte = read_grey(path)?;
-    if matte.data.iter().all(|&v| v < 0.5 / 255.0) {
-        return Err(Error::file(Kind::Unusable, path, "the matte is all black: nothing would move")
-            .remedy("paint white where the fluid is"));
+/// Whether more of what is not black is grey than white.
+fn mostly_grey(matte: &Plane) -> bool {
+    let (mut grey, mut painted) = (0_usize, 0_usize);
+    for &v in matte.data.iter().filter(|&&v| v > 0.05) {
+        painted += 1;
+        grey += usize::from(v < 0.95);
     }
-    Ok(matte)
+    2 * grey > painted
 }
 
 /// A matte, or alpha, at another size, 0 to 1.

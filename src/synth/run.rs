@@ -7,7 +7,7 @@ use super::methods::{DEFAULT_METHOD, DESIGNED_METHOD, REGISTRY};
 use super::record::Timed;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
-use crate::base::options::{Table, unknown};
+use crate::base::options::{Table, nearest, unknown};
 use crate::base::text::counted;
 use crate::library::names::Names;
 use crate::scene::file::{self, SceneFile};
@@ -29,10 +29,7 @@ impl PreparedScene {
     pub fn new(mut scene: Scene) -> Result<Self> {
         check_options(&scene.settings().options)?;
         let name = method_of(scene.settings());
-        let method = entry(&name).ok_or_else(|| {
-            let names: Vec<&str> = REGISTRY.iter().map(|m| m.name).collect();
-            Error::new(Kind::Usage, "method", format!("no method {name:?}")).allowed(names.join(", "))
-        })?;
+        let method = entry(&name).ok_or_else(|| unknown_method("method", &name))?;
         if scene.designed().is_some() && !method.designed {
             let takers: Vec<&str> = REGISTRY.iter().filter(|m| m.designed).map(|m| m.name).collect();
             let problem = format!("{name} animates a picture and takes no designed [target]");
@@ -138,4 +135,21 @@ fn by_hash(clips: &[String], names: &[Names]) -> Vec<String> {
         if found.is_empty() { vec![clip.clone()] } else { found.iter().map(ToString::to_string).collect() }
     };
     clips.iter().flat_map(hashes).collect()
+}
+
+/// Refuses names that no method has; `asker` is what they were given to.
+///
+/// # Errors
+/// The first of them, with the nearest that there is.
+pub fn check_names(asker: &str, names: &[String]) -> Result<()> {
+    names.iter().find(|name| entry(name).is_none()).map_or(Ok(()), |name| Err(unknown_method(asker, name)))
+}
+
+fn unknown_method(asker: &str, name: &str) -> Error {
+    let known: Vec<&str> = REGISTRY.iter().map(|method| method.name).collect();
+    let error = Error::new(Kind::Usage, asker, format!("no method {name:?}")).allowed(known.join(", "));
+    match nearest(name, &known) {
+        Some(meant) => error.remedy(format!("did you mean {meant:?}?")),
+        None => error,
+    }
 }

@@ -229,7 +229,8 @@ fn animate_refuses_bad_pictures_and_mattes() {
         ("none.png", &["none.png: there is no such file", "a picture, a scene file"]),
         ("empty", &["empty/scene.toml: there is no such file", "a folder with a scene.toml"]),
         ("picture.png --matte other.png", &["other.png: the matte is 50 × 80", "112 × 80", "make the matte"]),
-        ("picture.png --matte black.png", &["black.png: the matte is all black", "paint white where the fluid is"]),
+        ("picture.png --matte black.png", &["black.png: is all black", "paint white where the fluid is"]),
+        ("picture.png --matte picture.png", &["picture.png: is in colour", "paint it in white on black"]),
         ("picture.png --matte text.png", &["text.png: is not a picture", "convert it to PNG"]),
         ("picture.png --matte none.png", &["none.png: ", "there is no such file"]),
         ("picture.png --background other.png", &["other.png: the background is 50 × 80"]),
@@ -286,7 +287,7 @@ fn animate_refuses_bad_values() {
         ("--size 100x100", &["output.size", "another shape", "allowed: 100 × 71"]),
         ("--size big", &["--size", "1280x720"]),
         ("--working-size 3", &["output.working_size", "96 to 4096"]),
-        ("--method databse", &["no method \"databse\"", "database"]),
+        ("--method databse", &["no method \"databse\"", "did you mean \"database\"?"]),
         ("--set shutter=3", &["--set", "METHOD.KEY=VALUE", "for example"]),
         ("--set database.shuter=3", &["database.shuter: no such key", "did you mean \"shutter\"?"]),
         ("--set database.tua=1", &["database.tua: no such key", "(allowed: tau, ", "did you mean \"tau\"?"]),
@@ -452,7 +453,7 @@ fn measure_refuses_what_it_cannot_measure() {
     }
     common::write_clip(&at("real.y4m"), 1);
     let black = "enough --reference real.y4m --reference-matte black.png";
-    refuse(folder.path(), &format!("enliven measure {black}"), FAILED, &["black.png: no pixel is at least half white"]);
+    refuse(folder.path(), &format!("enliven measure {black}"), FAILED, &["black.png: is all black"]);
 }
 
 #[test]
@@ -591,9 +592,16 @@ fn a_run_is_handed_to_python_as_arrays() {
     assert_eq!(shape("arrays/asked-speed.npy"), [1, height, width, 1]);
     assert_eq!(tree(&at("arrays")).len(), 6);
     // What is in a folder stays.
+    let earlier = tree(&at("arrays"));
+    succeed(folder.path(), &format!("{line} -o x.npy --arrays arrays"));
+    assert_eq!(tree(&at("arrays")), earlier, "a command can be repeated");
+    fs::write(at("arrays/notes.npy"), "mine").unwrap();
     let refused = format!("{line} -o y.npy --arrays arrays");
-    refuse(folder.path(), &refused, USAGE, &["arrays: holds files already", "a new or empty folder", "--arrays"]);
+    refuse(folder.path(), &refused, FAILED, &["arrays: holds notes.npy", "a new or empty folder"]);
     assert!(!at("y.npy").exists());
+    for both in ["-o q.npy --arrays q.npy", "-o q --arrays ./q/", "-o x.npy --report r --arrays r"] {
+        refuse(folder.path(), &format!("{line} {both}"), USAGE, &["a folder for the arrays alone"]);
+    }
 }
 
 #[test]

@@ -32,6 +32,9 @@ fn sets_agree() {
     for set in &sets {
         let version = succeed(folder.path(), "enliven", set, "--version");
         assert!(version.contains(&format!("(instructions: {set}")), "{version}");
+        for line in [format!("--instructions {set} --version"), format!("--instructions={set} --version")] {
+            assert_eq!(succeed(folder.path(), "enliven", sets[0], &line), version);
+        }
         succeed(folder.path(), "enliven-db", set, &format!("build a.y4m -o {set}.pack --stride 16"));
         let common = "animate p.png --direction 90 --frames 4 --size 112x80";
         succeed(folder.path(), "enliven", set, &format!("{common} --method database --library {set}.pack -o {set}-d"));

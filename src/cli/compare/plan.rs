@@ -119,6 +119,16 @@ impl Plan {
                 takes || scene.designed().is_none() || !arguments.methods.is_empty()
             };
             let methods: Vec<&String> = methods.iter().filter(serves).collect();
+            let given = file.exemplars.len();
+            let takes_fewer = |name: &&&String| {
+                REGISTRY.iter().any(|entry| entry.name == ***name && (1..given).contains(&entry.exemplars))
+            };
+            notes.extend(methods.iter().filter(takes_fewer).map(|name| {
+                format!(
+                    "{}: {name} borrows from the first of its {given} exemplars, since it takes one",
+                    path.display()
+                )
+            }));
             let mut cells = cells(&file, &scene, &methods, &sweeps)?;
             let first =
                 cells.iter().find(|cell| cell.sort == Sort::Method).filter(|_| planted.contains(&Plant::Shuffled));
@@ -234,15 +244,12 @@ impl Compare {
 
 /// The methods asked for, or all.
 fn methods(asked: &[String]) -> Result<Vec<String>> {
-    let known: Vec<&str> = REGISTRY.iter().map(|method| method.name).collect();
-    if let Some(unknown) = asked.iter().find(|name| !known.contains(&name.as_str())) {
-        return Err(Error::new(Kind::Usage, "--methods", format!("no method {unknown:?}")).allowed(known.join(", ")));
-    }
+    run::check_names("--methods", asked)?;
     let mut seen = BTreeSet::new();
     if let Some(twice) = asked.iter().find(|name| !seen.insert(name.as_str())) {
         return Err(Error::new(Kind::Usage, "--methods", format!("{twice} is named twice")));
     }
-    let all = || known.iter().map(|name| (*name).to_owned()).collect();
+    let all = || REGISTRY.iter().map(|method| method.name.to_owned()).collect();
     Ok(if asked.is_empty() { all() } else { asked.to_vec() })
 }
 
@@ -318,7 +325,7 @@ fn cell(file: &SceneFile, method: &str, point: &[(&str, &str)]) -> Result<Cell> 
     // What a method makes no use of does not make its rows anew.
     if let Some(entry) = REGISTRY.iter().find(|entry| entry.name == method) {
         file.library.retain(|_| entry.library);
-        file.exemplars.retain(|_| entry.exemplars > 0);
+        file.exemplars.truncate(entry.exemplars);
     }
     let mut name = method.to_owned();
     for (key, value) in point {
