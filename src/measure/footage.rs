@@ -34,6 +34,9 @@ pub struct Footage {
     pub(super) dynamics: PerSeed<Sorted>,
     /// Powers per band, see [`super::spectrum`].
     pub(super) levels: PerSeed<Vec<Vec<f32>>>,
+    /// How long forms last, see [`super::renewal`].
+    pub(super) kept: PerSeed<[f64; 2]>,
+    halves: OnceLock<Option<Box<[Footage; 2]>>>,
 }
 
 /// Motion between two consecutive frames, in pixels per frame of the small frames it was estimated on.
@@ -131,6 +134,20 @@ impl Footage {
     /// Per pixel, whether it counts.
     pub fn inside(&self) -> &[bool] {
         &self.inside
+    }
+
+    /// Its two halves, which do not loop; none of a single frame.
+    pub(super) fn halves(&self) -> &Option<Box<[Self; 2]>> {
+        self.halves.get_or_init(|| {
+            let middle = self.frames.len() / 2;
+            let half = |frames: &[Rgb8]| Self {
+                frames: frames.to_vec(),
+                fps: self.fps,
+                inside: self.inside.clone(),
+                ..Self::default()
+            };
+            (middle > 0).then(|| Box::new([half(&self.frames[..middle]), half(&self.frames[middle..])]))
+        })
     }
 
     /// Indices of the pixels that count.

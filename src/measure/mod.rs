@@ -7,13 +7,16 @@
 mod colour;
 mod continuity;
 mod definition;
+mod detail;
 pub mod footage;
+mod likeness;
 mod motion;
 pub mod nodes;
 pub mod over_time;
 mod patches;
 pub mod preference;
 pub mod read;
+mod renewal;
 mod sharpness;
 mod sliced;
 pub mod spectrum;
@@ -26,11 +29,20 @@ pub use subject::{Node, Subject, Usage};
 
 /// Every measure, in the order of reports.
 pub const ALL: &[Measure] = &[
+    likeness::LIKENESS,
+    likeness::LIKENESS_OF_DYNAMICS,
+    likeness::LIKENESS_OF_SPECTRUM,
+    likeness::LIKENESS_OF_DEVIATION,
+    likeness::LIKENESS_OF_RENEWAL,
+    likeness::LIKENESS_OF_DETAIL,
     patches::PATCH_DISTANCE,
     patches::DYNAMICS_DISTANCE,
     patches::DYNAMICS_SHAPE,
     spectrum::TEMPORAL_SPECTRUM_DISTANCE,
+    likeness::DEVIATION_RATIO,
     colour::COLOUR_DISTANCE,
+    detail::DETAIL_LOST,
+    detail::DETAIL_ADDED,
     sharpness::SHARPNESS_RETENTION,
     sharpness::SHARPNESS_SLOPE,
     motion::WARP_ERROR,

@@ -35,11 +35,7 @@ pub const DYNAMICS_DISTANCE: Measure = Measure {
     definition: "sliced Wasserstein distance between 7 × 7 × 7 space-time patches, less each pixel's mean over time, of the frames and of the reference",
     needs: "reference",
     better: Better::Lower,
-    compute: |subject| {
-        let (a, b) = (subject.footage, subject.reference?);
-        let (a, b) = (dynamics(a, subject.seed)?, dynamics(b, subject.seed)?);
-        Some(distance(&a, &b))
-    },
+    compute: |subject| dynamics_distance(subject.footage, subject.reference?, subject.seed),
 };
 
 /// The form of the motion, whatever its strength.
@@ -59,6 +55,16 @@ pub const DYNAMICS_SHAPE: Measure = Measure {
 
 /// Deviation of points about 0 below which there is no motion to compare.
 const STILL: f64 = 5e-4;
+
+/// See [`DYNAMICS_DISTANCE`].
+pub(super) fn dynamics_distance(a: &Footage, b: &Footage, seed: u64) -> Option<f64> {
+    Some(distance(&*dynamics(a, seed)?, &*dynamics(b, seed)?))
+}
+
+/// Deviation over time of luma, which is also the dynamics distance to a video that stands still.
+pub(super) fn deviation(footage: &Footage, seed: u64) -> Option<f64> {
+    Some(dynamics(footage, seed)?.deviation())
+}
 
 /// Top left corners of the patches that lie wholly inside; `None` when there are too few.
 fn places(footage: &Footage) -> Option<Vec<usize>> {

@@ -25,12 +25,15 @@ pub const TEMPORAL_SPECTRUM_DISTANCE: Measure = Measure {
     definition: "Wasserstein distance between the pixels' powers in decibels, of the frames and of the reference, mean over 16 frequency bands",
     needs: "reference, 32 frames in each",
     better: Better::Lower,
-    compute: |subject: &Subject| {
-        let (a, b) = (levels(subject.footage, subject.seed)?, levels(subject.reference?, subject.seed)?);
-        let band = |(a, b): (&Vec<f32>, &Vec<f32>)| a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>();
-        Some(a.iter().zip(b.iter()).map(band).sum::<f64>() / (BANDS * SAMPLES) as f64)
-    },
+    compute: |subject: &Subject| distance(subject.footage, subject.reference?, subject.seed),
 };
+
+/// See [`TEMPORAL_SPECTRUM_DISTANCE`].
+pub(super) fn distance(a: &Footage, b: &Footage, seed: u64) -> Option<f64> {
+    let (a, b) = (levels(a, seed)?, levels(b, seed)?);
+    let band = |(a, b): (&Vec<f32>, &Vec<f32>)| a.iter().zip(b).map(|(a, b)| f64::from((a - b).abs())).sum::<f64>();
+    Some(a.iter().zip(b.iter()).map(band).sum::<f64>() / (BANDS * SAMPLES) as f64)
+}
 
 /// Per band, the sorted powers of the sampled pixels in decibels; `None` when there are fewer frames than a window.
 fn levels(footage: &Footage, seed: u64) -> Option<Arc<Vec<Vec<f32>>>> {

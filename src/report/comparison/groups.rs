@@ -15,7 +15,19 @@ pub struct Group {
 }
 
 /// All groups.
-pub const GROUPS: [Group; 4] = [
+pub const GROUPS: [Group; 5] = [
+    Group {
+        name: "Likeness",
+        about: "all in all, how far is it like the real clip?",
+        measures: &[
+            "likeness",
+            "likeness of dynamics",
+            "likeness of spectrum",
+            "likeness of deviation",
+            "likeness of renewal",
+            "likeness of detail",
+        ],
+    },
     Group {
         name: "Motion",
         about: "does it move like the real thing, and where it was asked to?",
@@ -23,6 +35,7 @@ pub const GROUPS: [Group; 4] = [
             "dynamics distance",
             "dynamics shape distance",
             "temporal spectrum distance",
+            "deviation ratio",
             "direction error",
             "speed correlation",
             "motion share",
@@ -31,7 +44,14 @@ pub const GROUPS: [Group; 4] = [
     Group {
         name: "Looks",
         about: "does each frame look like the picture, and stay sharp?",
-        measures: &["patch distance", "colour distance", "sharpness retention", "sharpness slope"],
+        measures: &[
+            "patch distance",
+            "colour distance",
+            "detail lost",
+            "detail added",
+            "sharpness retention",
+            "sharpness slope",
+        ],
     },
     Group {
         name: "Continuity",
