@@ -20,6 +20,9 @@ pub struct Scenes {
     /// Draw no strokes along the clips' own motion
     #[arg(long)]
     no_strokes: bool,
+    /// Let the strokes tell the clips' own speeds too
+    #[arg(long, conflicts_with = "no_strokes")]
+    speeds: bool,
     /// Folder for the scenes, one folder each
     #[arg(short, long)]
     output: PathBuf,
@@ -30,7 +33,7 @@ pub struct Scenes {
 
 impl Scenes {
     pub fn run(&self, observer: &dyn Observer) -> Result<()> {
-        let options = Options { libraries: self.library.clone(), unasked: self.no_strokes };
+        let options = Options { libraries: self.library.clone(), unasked: self.no_strokes, speeds: self.speeds };
         let report = scenes(&self.clips, &options, &self.output, observer)?;
         if self.json {
             let text = serde_json::to_string_pretty(&report);

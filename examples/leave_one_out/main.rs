@@ -231,7 +231,7 @@ impl Known {
             ..SceneFile::default()
         };
         let strokes = folder.join(format!("{name}.strokes.json"));
-        std::fs::write(&strokes, to_json(&along_motion(&pack, clip as u32, &left.matte)?))?;
+        std::fs::write(&strokes, to_json(&along_motion(&pack, clip as u32, &left.matte, false)?))?;
         scene.output.frames = Some(arguments.frames);
         arguments.set.iter().try_for_each(|text| set(&mut scene, text))?;
         let half = (left.reference.len() / 2).min(120);

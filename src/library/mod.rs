@@ -25,6 +25,7 @@ pub mod segment;
 pub mod significance;
 pub mod statistics;
 pub mod store;
+pub mod texture_motion;
 pub mod tile;
 pub mod twins;
 pub mod variant;

@@ -12,6 +12,7 @@ use macro_rules_attribute::apply;
 
 use super::extrapolate::fill;
 use super::mirror::Mirror;
+use super::sway::Sway;
 use super::trajectory::Trajectories;
 use crate::base::instructions::kernel;
 use crate::base::{par, rng};
@@ -62,6 +63,7 @@ pub struct Carried {
     size: (usize, usize),
     texels: Vec<Texel>,
     trajectories: Trajectories,
+    sway: Option<Sway>,
     mirror: Mirror,
     /// Per cell: where its period begins, in periods.
     phases: Vec<f32>,
@@ -89,7 +91,24 @@ impl Carried {
         let cells = trajectories.size();
         let phases = (0..cells.0 * cells.1).map(|i| phase(carry.seed, i % cells.0, i / cells.0)).collect();
         let resizer = Resizer::new(cells, size);
-        Self { size, texels, trajectories, mirror, phases, alike, fade, periods, frames, resizer, luma }
+        Self { size, texels, trajectories, sway: None, mirror, phases, alike, fade, periods, frames, resizer, luma }
+    }
+
+    /// Lets it sway about its way.
+    ///
+    /// # Panics
+    /// When the loop or the cells are others.
+    pub fn sway(&mut self, sway: Sway) {
+        assert_eq!((sway.size(), sway.frames()), (self.trajectories.size(), self.frames));
+        self.sway = Some(sway);
+    }
+
+    /// Way of a cell `age` frames back, in frame `t`: back to where it does not sway, and from there along the flow.
+    fn way(&self, t: usize, cell: usize, age: f32) -> (f32, f32) {
+        let Some(sway) = &self.sway else { return self.trajectories.way(cell, age) };
+        let (u, v) = sway.at(t, cell);
+        let (along, down) = self.trajectories.way_near(cell, (-u, -v), age);
+        (along - u, down - v)
     }
 
     /// What all of frame `t` shares.
@@ -107,7 +126,7 @@ impl Carried {
             let weights = self.weights(since);
             let norm = (weights[0].powi(2) + weights[1].powi(2) + 2.0 * alike * weights[0] * weights[1]).sqrt();
             for ((age, weight), copy) in ages.into_iter().zip(weights).zip([young, 1 - young]) {
-                let (u, v) = self.trajectories.way(cell, age * period);
+                let (u, v) = self.way(t % self.frames, cell, age * period);
                 let copy = &mut copies[copy];
                 (copy.u.data[cell], copy.v.data[cell], copy.share.data[cell]) = (u, v, weight / norm);
             }

@@ -21,5 +21,6 @@ pub mod recover;
 pub mod residuals;
 pub mod sample;
 pub mod streaks;
+pub mod sway;
 pub mod trajectory;
 pub mod transport;

@@ -64,6 +64,29 @@ impl Trajectories {
     }
 }
 
+impl Trajectories {
+    /// [`Self::way`] from a place `(dx, dy)` pixels from the centre of a cell, interpolated between centres.
+    pub fn way_near(&self, cell: usize, (dx, dy): (f32, f32), age: f32) -> (f32, f32) {
+        let (width, height) = self.size();
+        let axis = |cell: usize, d: f32, size: usize| {
+            let place = (cell as f32 + d / CELL as f32).clamp(0.0, (size - 1) as f32);
+            let first = (place as usize).min(size.saturating_sub(2));
+            (first, (first + 1).min(size - 1), place - first as f32)
+        };
+        let ((x0, x1, ax), (y0, y1, ay)) = (axis(cell % width, dx, width), axis(cell / width, dy, height));
+        let corners = [
+            (x0, y0, (1.0 - ax) * (1.0 - ay)),
+            (x1, y0, ax * (1.0 - ay)),
+            (x0, y1, (1.0 - ax) * ay),
+            (x1, y1, ax * ay),
+        ];
+        corners.into_iter().fold((0.0, 0.0), |(u, v), (x, y, weight)| {
+            let way = self.way(y * width + x, age);
+            (u + weight * way.0, v + weight * way.1)
+        })
+    }
+}
+
 /// Goes along the flow for `frames` frames, back for fewer than none.
 fn step(flow: &Field, mut place: (f32, f32), frames: f32) -> (f32, f32) {
     let at = |(x, y): (f32, f32)| (flow.u.bilinear(x, y), flow.v.bilinear(x, y));

@@ -68,6 +68,8 @@ pub struct Options {
     pub libraries: Vec<PathBuf>,
     /// Whether the scenes go without strokes.
     pub unasked: bool,
+    /// Whether the strokes tell the clip's own speed.
+    pub speeds: bool,
 }
 
 /// Writes into `folder` a scene for every clip of `clips` (files, or folders of them): `NAME/picture.png`, `matte.png`,
@@ -263,7 +265,11 @@ impl Target<'_> {
         write_png(&picture, &scene.picture)?;
         write_grey_png(&matte, &scene.matte)?;
         write_reference(&reference, pack, clip, &scene, observer)?;
-        let drawn = if self.options.unasked { Vec::new() } else { along_motion(pack, clip, &scene.matte)? };
+        let drawn = if self.options.unasked {
+            Vec::new()
+        } else {
+            along_motion(pack, clip, &scene.matte, self.options.speeds)?
+        };
         let strokes = (!drawn.is_empty()).then(|| made.inside("strokes.json"));
         strokes.as_ref().map_or(Ok(()), |path| atomic_file::write(path, strokes::to_json(&drawn).as_bytes()))?;
         let file = SceneFile {

@@ -3,6 +3,7 @@
 //! A method ([`methods`]) is made from what rooms before it hold: the library's route ([`pieces`]), what looks come from
 //! ([`exemplar`]) and frames made one from the other ([`sequence`]). What a method is ([`method`]) comes before all of them.
 
+pub mod default_method;
 pub mod exemplar;
 pub mod maps;
 pub mod memory;

@@ -2,8 +2,9 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::default_method::DefaultMethod;
 use super::method::{MethodEntry, Outcome, Sources};
-use super::methods::{DEFAULT_METHOD, DESIGNED_METHOD, REGISTRY};
+use super::methods::REGISTRY;
 use super::record::Timed;
 use crate::base::error::{Error, Kind, Result};
 use crate::base::observe::Observer;
@@ -18,6 +19,8 @@ use crate::video::clip::Sink;
 pub struct PreparedScene {
     scene: Scene,
     method: &'static MethodEntry,
+    /// Why this method, where the scene names none.
+    chosen: Option<DefaultMethod>,
 }
 
 impl PreparedScene {
@@ -28,6 +31,7 @@ impl PreparedScene {
     /// none; more exemplars than it takes.
     pub fn new(mut scene: Scene) -> Result<Self> {
         check_options(&scene.settings().options)?;
+        let chosen = scene.settings().method.is_none().then(|| DefaultMethod::of(scene.settings()));
         let name = method_of(scene.settings());
         let method = entry(&name).ok_or_else(|| unknown_method("method", &name))?;
         if scene.designed().is_some() && !method.designed {
@@ -44,7 +48,7 @@ impl PreparedScene {
         }
         let table = (method.complete)(&scene.options(method.name))?;
         scene.set_options(method.name, table);
-        Ok(Self { scene, method })
+        Ok(Self { scene, method, chosen })
     }
 
     /// The scene as it is run.
@@ -63,10 +67,11 @@ impl PreparedScene {
     /// # Errors
     /// Those of the method, the libraries and the sink; nothing is left half-written.
     pub fn run(&mut self, sink: &mut dyn Sink, observer: &dyn Observer) -> Result<Outcome> {
-        let Self { scene, method } = self;
+        let Self { scene, method, chosen } = self;
         let synthesizer = (method.build)(&scene.options(method.name))?;
         let sources = Sources::open(scene)?;
         let timed = Timed::new(observer);
+        chosen.iter().for_each(|chosen| timed.note(&chosen.note()));
         note_unused(method, scene.settings(), &timed);
         let names = sources.names(&timed);
         scene.leave_out(by_hash(&scene.settings().without, &names));
@@ -85,10 +90,9 @@ pub fn run(scene: &Scene, sink: &mut dyn Sink, observer: &dyn Observer) -> Resul
     PreparedScene::new(scene.clone())?.run(sink, observer)
 }
 
-/// Name of a scene's method: the one that is asked for, or the usual one.
+/// Name of a scene's method: the one that is asked for, or the one that serves it.
 fn method_of(file: &SceneFile) -> String {
-    let usual = if file.target.is_some() { DESIGNED_METHOD } else { DEFAULT_METHOD };
-    file.method.clone().unwrap_or_else(|| usual.to_owned())
+    file.method.clone().unwrap_or_else(|| DefaultMethod::of(file).name.to_owned())
 }
 
 fn entry(name: &str) -> Option<&'static MethodEntry> {

@@ -60,7 +60,7 @@ impl Stage {
 
     fn scenes(&self, clips: &[&str], libraries: &[&str], output: &str) -> Result<Report, Error> {
         let paths = |names: &[&str]| names.iter().map(|n| self.at(n)).collect::<Vec<_>>();
-        let options = Options { libraries: paths(libraries), unasked: false };
+        let options = Options { libraries: paths(libraries), unasked: false, speeds: false };
         scenes(&paths(clips), &options, &self.at(output), &Silent)
     }
 }

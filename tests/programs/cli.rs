@@ -809,7 +809,7 @@ fn a_preview_is_small_and_shows_its_first_frame() {
     let output = succeed(folder.path(), line);
     let record: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(record["scene"]["output"]["frames"], 50);
-    assert_eq!(record["scene"]["database"]["candidates"], 25);
+    assert_eq!(record["scene"]["hybrid"]["candidates"], 25);
     assert_eq!(record["output_size"], serde_json::json!([56, 40]));
     assert_eq!(read_picture(&folder.path().join("x.preview.png")).unwrap().rgb.width, 56);
     assert!(folder.path().join("x.mp4").exists());

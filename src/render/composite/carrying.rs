@@ -10,6 +10,7 @@ use crate::raster::resample::{Resizer, resize};
 use crate::render::carry::{self, Carried, Carry, Moment, Texel};
 use crate::render::extrapolate::fill;
 use crate::render::layout::BANDS;
+use crate::render::sway::Sway;
 
 /// What of a carried picture stays in its place.
 #[derive(Debug, Clone, Copy)]
@@ -36,6 +37,14 @@ impl Compositor {
         }
         let steady = parts.steady.luma();
         self.carried = Some((Carried::new(texels, size, luma(&parts.detail), matte, carry), steady));
+        self
+    }
+
+    /// Lets what is carried sway about its way; without anything carried nothing changes.
+    pub fn swaying(mut self, sway: Sway) -> Self {
+        if let Some((carried, _)) = &mut self.carried {
+            carried.sway(sway);
+        }
         self
     }
 

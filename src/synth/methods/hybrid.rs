@@ -21,9 +21,13 @@ declare_options! {
         fade: f32 = 0.5, in 0.1, 1, "ratio", "Holynski 2021, §4.2";
         /// Contrast of the pieces' part relative to what the picture's contrast and the clip's still part leave for it; the
         /// rest is the picture's own detail. More changes more, and is less sharp.
-        strength: f32 = 0.7, in 0, 4, "ratio", "methods §2.4";
+        strength: f32 = 0.3, in 0, 4, "ratio", "methods §2.4";
         /// Factor of the speed that the pieces' texture is measured to have, where none is asked for.
         pace: f32 = 1.0, in 0, 10, "ratio", "methods §1.6";
+        /// How strongly the picture is swayed by what the pieces' motion does besides its mean: curls, surges, tongues.
+        sway: f32 = 1.0, in 0, 4, "ratio", "methods §1.9";
+        /// Time until a displacement by that has shrunk to 1/e, at 25 frames a second.
+        memory: f32 = 12.0, in 1, 250, "frames", "methods §1.9", EXPERT;
     }
 }
 
@@ -47,8 +51,8 @@ pub const ENTRY: MethodEntry = MethodEntry {
     preview: options::Options::shrink,
     build: |table| {
         let (own, shared) = read(table)?;
-        let Options { life, fade, pace, .. } = own;
-        Ok(Box::new(PieceMethod::new(ENTRY.name, shared, Some(Carrying { life, fade, pace }))))
+        let Options { life, fade, pace, sway, memory, .. } = own;
+        Ok(Box::new(PieceMethod::new(ENTRY.name, shared, Some(Carrying { life, fade, pace, sway, memory }))))
     },
 };
 

@@ -13,9 +13,5 @@ use super::method::MethodEntry;
 pub const REGISTRY: &[MethodEntry] =
     &[database::ENTRY, advect::ENTRY, hybrid::ENTRY, lazyfluids::ENTRY, kwatra::ENTRY, okabe2009::ENTRY];
 
-/// The method of a picture when none is named.
-pub const DEFAULT_METHOD: &str = "database";
 /// The method that needs neither library nor exemplar: what the others are seen beside.
 pub const PLAIN_METHOD: &str = "advect";
-/// The method of a designed target when none is named.
-pub const DESIGNED_METHOD: &str = "lazyfluids";

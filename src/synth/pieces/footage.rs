@@ -4,15 +4,18 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use half::f16;
 use macro_rules_attribute::apply;
 
 use crate::base::error::Result;
 use crate::base::instructions::kernel;
 use crate::base::observe::{self, Observer};
 use crate::base::par;
+use crate::flow::field::Field;
+use crate::flow::tv_l1::{Params, TvL1};
 use crate::library::frames::KEYFRAME_EVERY;
 use crate::library::reader::{FrameReader, Pack};
-use crate::library::variant::level_size;
+use crate::library::variant::{CELL, level_size};
 use crate::raster::image::Plane;
 use crate::raster::pyramid::reduce;
 use crate::raster::resample::resize;
@@ -30,6 +33,8 @@ const SEARCHED: usize = 2;
 const SAMPLE_STEP: usize = 8;
 /// Pairs of neighbouring frames that are compared.
 const PAIRS: usize = 3;
+/// Frames whose motion is estimated one after another.
+const MOTION_RUN: usize = 8;
 /// White in 16 bits.
 const WHITE: f32 = 65535.0;
 
@@ -55,11 +60,21 @@ pub struct Clip {
     alike: Vec<Vec<[f32; BANDS]>>,
     /// Per used scale: how alike neighbouring frames are, band by band.
     neighbours: Vec<[f32; BANDS]>,
+    /// Motion from each frame of the loop to the next, where it is wanted.
+    motion: Option<Motion>,
+}
+
+/// What [`Clip::study`] is to keep.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted {
+    /// The frames of the loop stay in memory, [`loop_bytes`] at most, and are not read again.
+    pub frames: bool,
+    /// The motion from frame to frame is estimated.
+    pub motion: bool,
 }
 
 impl Clip {
-    /// Reads the clip once: finds its loop of `frames` library frames and measures its differences at `scales`. With
-    /// `keep` the frames of the loop stay in memory, [`loop_bytes`] at most, and are not read again.
+    /// Reads the clip once: finds its loop of `frames` library frames and measures its differences at `scales`.
     ///
     /// The differences are from the average of the frames that the loop shows, not of the whole clip: what stands still
     /// in the loop but moved at another time (a twig, the light) would otherwise stay as a ghost in every frame.
@@ -71,7 +86,7 @@ impl Clip {
         clip: u32,
         scales: Vec<u8>,
         frames: usize,
-        keep: bool,
+        wanted: Wanted,
         observer: &dyn Observer,
     ) -> Result<Self> {
         let meta = &pack.clips()[clip as usize];
@@ -103,8 +118,10 @@ impl Clip {
         };
         let neighbours =
             scales.iter().map(|&scale| mean(pairs().map(|pair| likeness(pair, scale)).collect())).collect();
-        let kept = keep.then(|| lumas.drain(plan.start()..end(&plan, searched)).collect());
-        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, kept, contrast, alike, neighbours })
+        let shown = plan.start()..end(&plan, searched);
+        let motion = wanted.motion.then(|| Motion::estimate(&lumas[shown.clone()], size, &plan));
+        let kept = wanted.frames.then(|| lumas.drain(shown).collect());
+        Ok(Self { pack: pack.clone(), clip, size, scales, average, plan, kept, contrast, alike, neighbours, motion })
     }
 
     /// A frame of the loop that was kept.
@@ -224,27 +241,21 @@ fn correlations(a: &Bands, b: &Bands) -> [f32; BANDS] {
     std::array::from_fn(|k| of(k) as f32)
 }
 
-/// A clip at a phase of its loop, being read forwards.
-pub struct Stream<'a> {
+/// A clip at a phase of its loop.
+#[derive(Clone, Copy)]
+pub struct Playing<'a> {
     clip: &'a Clip,
     /// Library frames of the loop that it is ahead.
     ahead: usize,
     /// Frames of the output's loop.
     frames: usize,
-    scales: Vec<u8>,
-    readers: Mutex<[FrameReader<'a>; 2]>,
 }
 
-impl<'a> Stream<'a> {
-    /// Shows the loop of `clip` once in `frames` output frames, at `scales` (ascending), from about the share `phase` of
-    /// it on (a whole number of library frames, so that they need not be mixed).
-    ///
-    /// # Errors
-    /// A damaged pack.
-    pub fn new(clip: &'a Clip, phase: f64, frames: usize, scales: Vec<u8>) -> Result<Self> {
-        let readers = Mutex::new([clip.pack.frames(clip.clip)?, clip.pack.frames(clip.clip)?]);
-        let ahead = (phase * clip.plan.length() as f64).round() as usize;
-        Ok(Self { clip, ahead, frames, scales, readers })
+impl<'a> Playing<'a> {
+    /// Shows the loop of `clip` once in `frames` output frames, from about the share `phase` of it on (a whole number of
+    /// library frames, so that they need not be mixed).
+    pub fn new(clip: &'a Clip, phase: f64, frames: usize) -> Self {
+        Self { clip, ahead: (phase * clip.plan.length() as f64).round() as usize, frames }
     }
 
     /// Frames of the loop that make up output frame `t`, with their weights: one, or two neighbours where the output
@@ -258,11 +269,98 @@ impl<'a> Stream<'a> {
         [(first as usize, 1.0 - share), (first as usize + 1, share)]
     }
 
+    /// How the motion in output frame `t` differs from its mean over the loop, pixels of the clip per output frame, on
+    /// cells of [`crate::library::variant::CELL`] of them; none where it was not wanted.
+    pub fn fluctuation(&self, t: usize) -> Option<Field> {
+        let Clip { plan, motion, .. } = self.clip;
+        let motion = motion.as_ref()?;
+        let pace = plan.length() as f32 / self.frames as f32;
+        let mut sum = Field { u: motion.mean.u.map(|u| -pace * u), v: motion.mean.v.map(|v| -pace * v) };
+        for (place, share) in self.loop_frames(t).into_iter().filter(|shown| shown.1 > 0.0) {
+            motion.add(&plan.at(place), pace * share, plan.start(), &mut sum);
+        }
+        Some(sum)
+    }
+}
+
+/// Motion of a loop's frames on cells, pixels of the clip per library frame.
+struct Motion {
+    /// From each frame, from the loop's start on, to the next.
+    steps: Vec<Vec<[f16; 2]>>,
+    /// Over the loop.
+    mean: Field,
+}
+
+impl Motion {
+    /// TV-L1 on a quarter of the size, where a pixel is a cell: motion finer than that would not be used, and it is a
+    /// sixteenth of the work.
+    fn estimate(lumas: &[Luma], (width, height): (usize, usize), plan: &LoopPlan) -> Self {
+        let small = |luma: &Luma| {
+            let white = luma.iter().map(|l| f32::from(*l) * (1.0 / WHITE)).collect();
+            reduce(&reduce(&Plane::from_vec(width, height, white)))
+        };
+        let small = par::map(lumas.len(), |t| small(&lumas[t]));
+        let runs = par::map((lumas.len() - 1).div_ceil(MOTION_RUN), |run| {
+            let mut solver = TvL1::new(small[0].width, small[0].height, Params::library());
+            let steps = (run * MOTION_RUN..((run + 1) * MOTION_RUN).min(lumas.len() - 1)).map(|t| {
+                let mut flow = Field::default();
+                solver.flow(&small[t], &small[t + 1], &mut flow);
+                let cell = |(u, v): (&f32, &f32)| [u, v].map(|v| f16::from_f32(CELL as f32 * v));
+                flow.u.data.iter().zip(&flow.v.data).map(cell).collect::<Vec<_>>()
+            });
+            steps.collect::<Vec<_>>()
+        });
+        let mut steps: Vec<Vec<[f16; 2]>> = runs.into_iter().flatten().collect();
+        // What comes after the last frame is not known; it goes on as before.
+        steps.extend(steps.last().cloned());
+        let mut motion = Self { steps, mean: Field::default() };
+        let mut mean = Field::zeros(small[0].width, small[0].height);
+        for t in 0..plan.length() {
+            motion.add(&plan.at(t), 1.0 / plan.length() as f32, plan.start(), &mut mean);
+        }
+        motion.mean = mean;
+        motion
+    }
+
+    /// Adds `weight` times the motion of a blend; `start` is the clip's frame that the first step begins with.
+    fn add(&self, blend: &Blend, weight: f32, start: usize, sum: &mut Field) {
+        for part in [Some(blend.a), blend.b].into_iter().flatten() {
+            let sums = sum.u.data.iter_mut().zip(&mut sum.v.data);
+            for ((u, v), step) in sums.zip(&self.steps[part.frame - start]) {
+                *u += weight * part.weight * step[0].to_f32();
+                *v += weight * part.weight * step[1].to_f32();
+            }
+        }
+    }
+
+    fn bytes(&self) -> usize {
+        self.steps.len() * self.mean.u.data.len() * size_of::<[f16; 2]>()
+    }
+}
+
+/// A clip that is being read forwards.
+pub struct Stream<'a> {
+    playing: Playing<'a>,
+    scales: Vec<u8>,
+    readers: Mutex<[FrameReader<'a>; 2]>,
+}
+
+impl<'a> Stream<'a> {
+    /// Reads what is played, at `scales` (ascending).
+    ///
+    /// # Errors
+    /// A damaged pack.
+    pub fn new(playing: Playing<'a>, scales: Vec<u8>) -> Result<Self> {
+        let Clip { pack, clip, .. } = playing.clip;
+        let readers = Mutex::new([pack.frames(*clip)?, pack.frames(*clip)?]);
+        Ok(Self { playing, scales, readers })
+    }
+
     /// What output frame `t` is made of; cheapest in order of `t`.
     fn mixture(&self, t: usize) -> Result<Mixture> {
-        let shown = self.loop_frames(t).into_iter().filter(|f| f.1 > 0.0);
+        let shown = self.playing.loop_frames(t).into_iter().filter(|f| f.1 > 0.0);
         let part = |(place, share)| {
-            let blend = self.clip.plan.at(place);
+            let blend = self.playing.clip.plan.at(place);
             Ok((blend, share, self.differences(&blend)?))
         };
         Ok(Mixture(shown.map(part).collect::<Result<_>>()?))
@@ -271,11 +369,11 @@ impl<'a> Stream<'a> {
     /// Its bands, for every scale that is used.
     fn bands(&self, Mixture(parts): &Mixture) -> Vec<Bands> {
         let of_scale = |&scale: &u8| {
-            let evens = self.clip.evens(parts[0].1, scale);
+            let evens = self.playing.clip.evens(parts[0].1, scale);
             let scaled = parts.iter().map(|(blend, share, differences)| {
-                let gains = self.clip.gains(blend, scale);
+                let gains = self.playing.clip.gains(blend, scale);
                 let gains = std::array::from_fn(|band| share * evens[band] * gains[band]);
-                times(level_bands(differences, self.clip.size, scale), gains)
+                times(level_bands(differences, self.playing.clip.size, scale), gains)
             });
             scaled.reduce(plus).expect("an output frame shows some library frame")
         };
@@ -284,10 +382,10 @@ impl<'a> Stream<'a> {
 
     /// The plain sum of a blend's frames as differences from the average.
     fn differences(&self, blend: &Blend) -> Result<Plane> {
-        let mut sum = Plane::zeros(self.clip.size.0, self.clip.size.1);
-        let average = &self.clip.average.data;
+        let mut sum = Plane::zeros(self.playing.clip.size.0, self.playing.clip.size.1);
+        let average = &self.playing.clip.average.data;
         for (number, Part { frame, weight }) in [Some(blend.a), blend.b].into_iter().flatten().enumerate() {
-            match self.clip.kept(frame) {
+            match self.playing.clip.kept(frame) {
                 Some(luma) => add_difference(&mut sum.data, weight, luma, average),
                 None => {
                     // A reader holds nothing that an earlier panic could have left half-done: it seeks from a keyframe.
@@ -342,17 +440,25 @@ pub fn bands_of(streams: &[Stream], frames: &[usize], observer: &dyn Observer) -
 
 /// Bytes of one output frame's bands, and of the one or two frames per stream that they are made from.
 pub fn frame_bytes(streams: &[Stream]) -> usize {
-    let mixed: usize = streams.iter().map(|s| 2 * s.clip.size.0 * s.clip.size.1 * size_of::<f32>()).sum();
+    let mixed: usize =
+        streams.iter().map(|s| 2 * s.playing.clip.size.0 * s.playing.clip.size.1 * size_of::<f32>()).sum();
     let level = |clip: &Clip, scale: u8| {
         let (w, h) = level_size(clip.size.0, clip.size.1, scale);
         w * h * size_of::<f32>() * 4 / 3
     };
-    mixed + streams.iter().map(|s| s.scales.iter().map(|&scale| level(s.clip, scale)).sum::<usize>()).sum::<usize>()
+    mixed
+        + streams
+            .iter()
+            .map(|s| s.scales.iter().map(|&scale| level(s.playing.clip, scale)).sum::<usize>())
+            .sum::<usize>()
 }
 
 /// Bytes of the frames that are kept.
 pub fn kept_bytes(clips: &[Clip]) -> u64 {
-    let bytes = |clip: &Clip| clip.kept.as_ref().map_or(0, |kept| kept.len() * clip.size.0 * clip.size.1 * 2);
+    let bytes = |clip: &Clip| {
+        let frames = clip.kept.as_ref().map_or(0, |kept| kept.len() * clip.size.0 * clip.size.1 * size_of::<u16>());
+        frames + clip.motion.as_ref().map_or(0, Motion::bytes)
+    };
     clips.iter().map(bytes).sum::<usize>() as u64
 }
 

@@ -3,7 +3,8 @@
 use std::borrow::Cow;
 use std::collections::BTreeSet;
 
-use super::footage::{Clip, Stream, bands_of, frame_bytes, kept_bytes, loop_bytes, study_bytes};
+use super::footage::{Clip, Playing, Stream, Wanted, bands_of, frame_bytes, kept_bytes, loop_bytes, study_bytes};
+use super::phases::playing;
 use super::placing::{Placed, PlayedClip};
 use super::playback::RATES;
 use super::rendering::{Rendering, Target};
@@ -43,7 +44,8 @@ pub fn study(run: &Run, placed: &Placed) -> Result<Vec<Clip>> {
         let used = levels.iter().filter(|l| placed.sources[l.source].0 == i).map(|l| l.scale);
         let scales = BTreeSet::from_iter(used).into_iter().collect();
         let frames = frames(&placed.clips[i]);
-        let clip = Clip::study(&sources.packs[pack].1, clip, scales, frames, i < keep, observer);
+        let wanted = Wanted { frames: i < keep, motion: run.carrying.is_some_and(|carrying| carrying.sway > 0.0) };
+        let clip = Clip::study(&sources.packs[pack].1, clip, scales, frames, wanted, observer);
         observer.advance("loops", 1);
         clip
     };
@@ -114,20 +116,12 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
 
 /// Per source of the layout: its clip's frames, from its phase on.
 fn streams<'a>(placed: &Placed, clips: &'a [Clip], rendering: &Rendering, frames: usize) -> Result<Vec<Stream<'a>>> {
-    let phases = placed.sources.iter().map(|s| s.1).max().unwrap_or(0) + 1;
     let levels = rendering.blender.levels();
-    let stream = |(source, &(clip, phase)): (usize, &(usize, usize))| {
+    let stream = |(source, playing): (usize, Playing<'a>)| {
         let scales = levels.iter().filter(|l| l.source == source).map(|l| l.scale).collect();
-        Stream::new(&clips[clip], stagger(clip) + phase as f64 / phases as f64, frames, scales)
+        Stream::new(playing, scales)
     };
-    placed.sources.iter().enumerate().map(stream).collect()
-}
-
-/// Phase of the loop at which the `clip`th clip begins, spread evenly however many there are (multiples of the golden
-/// ratio): with all loops closing at the same frame, their fades would be seen as one.
-fn stagger(clip: usize) -> f64 {
-    const GOLDEN: f64 = 0.618_033_988_749_894_9;
-    (clip as f64 * GOLDEN).fract()
+    playing(placed, clips, frames).into_iter().enumerate().map(stream).collect()
 }
 
 /// The curves that bring `frames` frames of the loop to the picture, where that is wanted; learned on some of them, made

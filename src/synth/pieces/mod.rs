@@ -3,6 +3,7 @@
 pub mod assignment_picture;
 pub mod base_flow;
 pub mod choice;
+pub mod fluctuation;
 pub mod footage;
 pub mod frames;
 pub mod gate;
@@ -10,6 +11,7 @@ pub mod legend;
 pub mod options;
 pub mod outcome;
 pub mod outline;
+pub mod phases;
 pub mod pick;
 pub mod piece_method;
 pub mod placing;

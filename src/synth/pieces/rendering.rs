@@ -2,13 +2,14 @@
 
 use std::borrow::Cow;
 
-use super::base_flow;
 use super::choice::Choice;
 use super::footage::Clip;
 use super::options::Options;
 use super::outline::{self, Outline};
+use super::phases::playing;
 use super::placing::Placed;
-use super::run::Run;
+use super::run::{Carrying, Run};
+use super::{base_flow, fluctuation};
 use crate::base::error::Result;
 use crate::base::observe::Observer;
 use crate::raster::image::{Color, Plane, Rgb8};
@@ -109,7 +110,16 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Sep
             let flow = base_flow::of(run, placed, options.pace)?;
             let matte = apart.as_ref().map_or(&still.working_matte, Separation::matte);
             let carry = options.carry(&flow, &run.scene.settings().output);
-            compositor.carrying(matte, &Stays::But(&restless(placed, apart.as_ref(), &matched)), &carry)
+            let carried = compositor.carrying(matte, &Stays::But(&restless(placed, apart.as_ref(), &matched)), &carry);
+            match options.sway > 0.0 {
+                false => carried,
+                true => {
+                    let (output, Carrying { sway, memory, .. }) = (run.scene.settings().output, *options);
+                    let playing = playing(placed, clips, output.length());
+                    let memory = memory * output.fps / 25.0;
+                    carried.swaying(fluctuation::sway(placed, &playing, output.length(), sway, memory))
+                }
+            }
         }
     };
     let blender = Blender::new(&placed.layout, &matched.gains);

@@ -17,6 +17,10 @@ pub struct Carrying {
     pub fade: f32,
     /// Factor of the speed that the pieces' texture is measured to have, where none is asked for.
     pub pace: f32,
+    /// Factor of the fluctuation of the pieces' motion about its mean; 0 lets the picture go straight along its way.
+    pub sway: f32,
+    /// Time until a displacement by it has shrunk to 1/e, frames at 25 a second.
+    pub memory: f32,
 }
 
 impl Carrying {
