@@ -169,8 +169,8 @@ fn the_loop_closes_as_smoothly_as_it_goes_on() {
 fn another_frame_rate_keeps_the_speed() {
     let stage = Stage::new();
     // The same second of footage at 25 and 50 frames a second: every other frame is the same.
-    let (slow, _) = stage.run("[output]\nframes = 24\nfps = 25\n", &Silent).unwrap();
-    let (fast, _) = stage.run("[output]\nframes = 48\nfps = 50\n", &Silent).unwrap();
+    let (slow, _) = stage.run("method = \"database\"\n[output]\nframes = 24\nfps = 25\n", &Silent).unwrap();
+    let (fast, _) = stage.run("method = \"database\"\n[output]\nframes = 48\nfps = 50\n", &Silent).unwrap();
     assert!(slow.iter().zip(fast.iter().step_by(2)).all(|(a, b)| a == b));
     assert!(fast.windows(2).all(|pair| pair[0] != pair[1]));
 }

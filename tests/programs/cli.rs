@@ -229,7 +229,10 @@ fn animate_refuses_bad_pictures_and_mattes() {
         ("none.png", &["none.png: there is no such file", "a picture, a scene file"]),
         ("empty", &["empty/scene.toml: there is no such file", "a folder with a scene.toml"]),
         ("picture.png --matte other.png", &["other.png: the matte is 50 × 80", "112 × 80", "make the matte"]),
-        ("picture.png --matte black.png", &["black.png: is all black", "paint white where the fluid is"]),
+        (
+            "picture.png --matte black.png",
+            &["black.png: is all black", "paint white (255, or 65535) where the fluid is"],
+        ),
         ("picture.png --matte picture.png", &["picture.png: is in colour", "paint it in white on black"]),
         ("picture.png --matte text.png", &["text.png: is not a picture", "convert it to PNG"]),
         ("picture.png --matte none.png", &["none.png: ", "there is no such file"]),
@@ -264,7 +267,8 @@ fn animate_refuses_bad_places() {
     output("--library l.pack -o picture.png", USAGE, &["picture.png: "]);
     output("--library l.pack -o l.pack", USAGE, &["l.pack: is read for this video", "another name"]);
     output("--library l.pack -o - --json", USAGE, &["--json: standard output carries the video", "leave out --json"]);
-    output("-o x.mp4", USAGE, &["library", "enliven-db build CLIPS -o NAME.pack", "--library"]);
+    output("-o x.mp4", USAGE, &["no motion is asked for", "--strokes", "--direction"]);
+    output("--method hybrid -o x.mp4", USAGE, &["library", "enliven-db build CLIPS -o NAME.pack", "--library"]);
     output("--library l.pack", USAGE, &["required"]);
 }
 
