@@ -63,7 +63,7 @@ pub struct Animate {
     /// What is behind the fluid, a picture of the same size: seen where the outline of fire or smoke moves away
     #[arg(long, value_name = "PICTURE")]
     pub background: Option<PathBuf>,
-    /// Method (see enliven methods) [default: hybrid with a library, lazyfluids with an exemplar, else advect]
+    /// Method (see enliven methods) [default: hybrid with a library (database with one of fire), lazyfluids with an exemplar, else advect]
     #[arg(long)]
     pub method: Option<String>,
     /// Frames of the loop [default: 120]

@@ -2,10 +2,15 @@
 
 use super::method::MethodEntry;
 use super::methods::REGISTRY;
+use crate::library::reader::Pack;
 use crate::scene::file::SceneFile;
 
 /// What moves a picture when a library is there: the picture itself, by the clips' motion.
 const WITH_LIBRARY: &str = "hybrid";
+/// What lets flames change their shape: a picture that is carried keeps the forms it has, and its edges show as rings.
+const WITH_FLAMES: &str = "database";
+/// Tag of a library's clips of flames.
+const FLAMES: &str = "fire";
 /// What needs nothing but the picture and a direction.
 const WITHOUT: &str = "advect";
 /// What makes looks from an exemplar, and takes designed targets.
@@ -40,6 +45,9 @@ impl DefaultMethod {
             return choice(WITH_EXEMPLAR, "the motion is designed in a [target]");
         }
         match (file.library.is_empty(), file.exemplars.is_empty()) {
+            (false, _) if of_flames(file) => {
+                choice(WITH_FLAMES, "most of the library's clips are of fire, and flames change their shape")
+            }
             (false, _) => {
                 choice(WITH_LIBRARY, "a library is named: the picture itself is carried, by the motion of its clips")
             }
@@ -52,6 +60,15 @@ impl DefaultMethod {
     pub fn note(&self) -> String {
         format!("method {}, since {} (--method chooses another)", self.name, self.reason)
     }
+}
+
+/// Whether most clips that a scene uses are tagged fire; what cannot be opened counts nothing, and is refused later.
+fn of_flames(file: &SceneFile) -> bool {
+    let packs: Vec<_> = file.library.iter().filter_map(|path| Pack::open(path).ok()).collect();
+    let used = |tag: &String| file.tags.is_empty() || file.tags.contains(tag);
+    let clips = packs.iter().flat_map(|pack| pack.clips()).filter(|clip| used(&clip.tag));
+    let (flames, all) = clips.fold((0, 0), |(flames, all), clip| (flames + usize::from(clip.tag == FLAMES), all + 1));
+    2 * flames > all
 }
 
 #[cfg(test)]

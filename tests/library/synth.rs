@@ -8,6 +8,7 @@ use enliven::base::error::{Error, Kind, Result};
 use enliven::base::observe::{Observer, Silent};
 use enliven::base::par;
 use enliven::library::build::build;
+use enliven::library::options;
 use enliven::library::reader::Pack;
 use enliven::raster::image::{Plane, Rgb8};
 use enliven::raster::picture_io::{write_grey_png, write_png};
@@ -15,7 +16,7 @@ use enliven::scene::scene::{Scene, open};
 use enliven::synth::method::{MethodEntry, Outcome};
 use enliven::synth::methods::REGISTRY;
 use enliven::synth::record::NodeRecord;
-use enliven::synth::run::run;
+use enliven::synth::run::{PreparedScene, run};
 use enliven::video::clip::Sink;
 
 use crate::common;
@@ -162,6 +163,23 @@ fn the_loop_closes_as_smoothly_as_it_goes_on() {
         let steps: Vec<f64> = (0..32).map(|t| step(&frames[t], &frames[(t + 1) % 32])).collect();
         let typical = steps[..31].iter().sum::<f64>() / 31.0;
         assert!(steps[31] < 2.0 * typical, "{}: seam {} typical {typical}", method.name, steps[31]);
+    }
+}
+
+#[test]
+fn a_library_of_fire_is_not_carried_and_what_is_written_chooses_nothing_anew() {
+    let stage = Stage::new();
+    let clips = common::write_clips(stage.folder.path());
+    let fire = options::Options { tag: "fire".into(), ..common::options() };
+    build(&clips, &stage.path("fire.pack"), &fire, &Silent).unwrap();
+    for (library, method) in [("small", "hybrid"), ("fire", "database")] {
+        let file = format!("picture = 'p.png'\nlibrary = ['{library}.pack']\n");
+        std::fs::write(stage.path("scene.toml"), file).unwrap();
+        let scene = Scene::new(open(&stage.path("scene.toml")).unwrap()).unwrap();
+        let written = PreparedScene::new(scene).unwrap().into_scene();
+        assert_eq!(written.settings().method.as_deref(), Some(method));
+        let again = PreparedScene::new(written.clone()).unwrap().into_scene();
+        assert_eq!(again.settings(), written.settings());
     }
 }
 
@@ -333,7 +351,7 @@ fn a_background_that_shows_the_same_is_refused() {
 fn clips_of_several_fluids_or_none_are_told_of() {
     let stage = Stage::new();
     let clips = common::write_clips(stage.folder.path());
-    let options = enliven::library::options::Options { tag: "other".into(), ..common::options() };
+    let options = options::Options { tag: "other".into(), ..common::options() };
     build(&clips[..1], &stage.path("other.pack"), &options, &Silent).unwrap();
     let notes = |more: &str| {
         let text = format!("picture = 'p.png'\nmatte = 'm.png'\nlibrary = ['small.pack', 'other.pack']\n{more}");
