@@ -12,8 +12,10 @@ use super::run::Run;
 use crate::base::error::Result;
 use crate::base::observe::{self, Observer, stage};
 use crate::base::par;
+use crate::library::variant::CELL;
 use crate::raster::image::Plane;
 use crate::render::appearance::Appearance;
+use crate::render::sway::Sway;
 use crate::synth::memory;
 use crate::synth::record::Timed;
 use crate::synth::writing::Writer;
@@ -82,7 +84,9 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
     let Run { scene, observer, .. } = *run;
     let (output, wanted) = (scene.settings().output, scene.wanted_frames());
     let streams = streams(placed, clips, rendering, output.length())?;
-    let block = memory::block_frames(scene, frame_bytes(&streams), kept_bytes(clips))?;
+    let sways = run.carrying.is_some_and(|carrying| carrying.sway > 0.0);
+    let sway = if sways { Sway::bytes(output.length(), placed.layout.canvas, CELL) } else { 0 };
+    let block = memory::block_frames(scene, frame_bytes(&streams), kept_bytes(clips) + sway)?;
     // Streams repeat, so the frames before the first are those that far before the end of a later round. A part of the
     // loop follows an outline that moves from the same frame on.
     let first = rendering.run_in.next_multiple_of(output.length());
