@@ -1,4 +1,4 @@
-//! Does the motion obey? `ENLIVEN_DATA=… cargo run --release --example control -- LIBRARY.pack`
+//! Does the motion of the database method obey? `ENLIVEN_DATA=… cargo run --release --example control -- LIBRARY.pack`
 //!
 //! Pictures and a clip come from the folder that `ENLIVEN_DATA` names. Motion is measured on the frames by TV-L1 at 640
 //! pixels, where something was asked. *Of the mean*: the angle between the measured motion, averaged over time, and the
@@ -22,6 +22,7 @@ use enliven::raster::resample::resize;
 use enliven::scene::file::{Motion, SceneFile};
 use enliven::scene::scene::Scene;
 use enliven::synth;
+use enliven::synth::methods::database;
 use enliven::video::conform::{ConformOptions, Conformed};
 
 /// Frames that are made and measured.
@@ -108,6 +109,7 @@ impl Place {
     fn file(&self, case: &Case, motion: &Motion) -> SceneFile {
         let picture = |what: &str| self.data.join("pictures").join(format!("{}{what}.png", case.picture));
         let mut file = SceneFile { picture: picture(""), matte: Some(picture(".matte")), ..SceneFile::default() };
+        file.method = Some(database::ENTRY.name.to_owned());
         file.library = vec![self.library.clone()];
         file.motion = motion.clone();
         file.output.frames = Some(FRAMES);

@@ -2,8 +2,8 @@
 //!
 //! `cargo run --release --example run_time -- LIBRARY.pack PICTURE…`
 //!
-//! Beside a picture `P.png` its matte is `P.matte.png`. Every picture is animated to an MP4 with the program's own
-//! settings: twice on one thread, twice on two, and once more on two under another name. A stage's figure is the
+//! Beside a picture `P.png` its matte is `P.matte.png`. Every picture is animated to an MP4 with the database
+//! method's own settings: twice on one thread, twice on two, and once more on two under another name. A stage's figure is the
 //! better of its two runs. The CPU time of the process tells how busy the machine was with others.
 
 use std::path::{Path, PathBuf};
@@ -13,6 +13,7 @@ use enliven::base::observe::Silent;
 use enliven::base::par;
 use enliven::report::animate::animate;
 use enliven::scene::file::SceneFile;
+use enliven::synth::methods::database;
 use enliven::synth::record::RunRecord;
 use rustix::time::{ClockId, clock_gettime};
 
@@ -47,6 +48,7 @@ fn run(picture: &Path, library: &Path, folder: &Path, threads: usize) -> Result<
         picture: picture.to_owned(),
         matte: matte.exists().then_some(matte),
         library: vec![library.to_owned()],
+        method: Some(database::ENTRY.name.to_owned()),
         ..SceneFile::default()
     };
     let output = folder.join("x.mp4");

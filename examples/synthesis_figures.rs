@@ -20,6 +20,7 @@ use enliven::report::contact_sheet::{contact_sheet, spread};
 use enliven::scene::file::{SceneFile, set};
 use enliven::scene::frame_map::FrameMap;
 use enliven::scene::scene::Scene;
+use enliven::synth::methods::database;
 use enliven::synth::record::AssignmentRecord;
 use enliven::synth::run::run;
 use enliven::video::clip::Sink;
@@ -71,6 +72,7 @@ fn main() -> Result<()> {
 
 fn animate(folder: &Path, name: &str, library: &str, options: &[&String]) -> Result<Run> {
     let mut file = SceneFile { picture: folder.join(format!("{name}.png")), ..SceneFile::default() };
+    file.method = Some(database::ENTRY.name.to_owned());
     file.matte = Some(folder.join(format!("{name}.matte.png")));
     file.library = vec![library.into()];
     let map = FrameMap::new(picture_size(&file.picture)?, None, file.output.working_size)?;

@@ -3,6 +3,7 @@
 //! For every clip: a scene as `enliven-db scenes` makes it, animated with the method's defaults through the functions that
 //! `enliven animate` calls; then distances to the clip's own later frames. `floor` is another part of the clip against
 //! them, `frozen` the picture held still, `wrong` a library of another fluid, `random` a random candidate at every node.
+//! Without `--method` it is the database method's.
 //! A score is (distance − floor) / (frozen − floor): 0 moves like the clip itself, 1 no better than a still. `shape` is
 //! the dynamics distance with both sides brought to one deviation over time; `strength` that deviation over the clip's,
 //! band by band of a Laplacian pyramid, fine to coarse.
@@ -36,6 +37,7 @@ use enliven::scene::file::{SceneFile, set};
 use enliven::scene::left_out::LeftOut;
 use enliven::scene::scene::Scene;
 use enliven::synth::method::{Outcome, Sources, Synthesizer};
+use enliven::synth::methods::database;
 use enliven::synth::pieces::options::Options;
 use enliven::synth::pieces::piece_method::PieceMethod;
 use enliven::synth::record::Timed;
@@ -227,7 +229,14 @@ impl Known {
             matte: Some(at("matte")),
             library: vec![library.to_owned()],
             without: if arguments.with_itself { Vec::new() } else { vec![id.to_string()] },
-            method: arguments.method.first().filter(|_| arguments.method.len() == 1).cloned(),
+            method: Some(
+                arguments
+                    .method
+                    .first()
+                    .filter(|_| arguments.method.len() == 1)
+                    .map_or(database::ENTRY.name, |m| m)
+                    .to_owned(),
+            ),
             ..SceneFile::default()
         };
         let strokes = folder.join(format!("{name}.strokes.json"));

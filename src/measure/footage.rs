@@ -136,9 +136,9 @@ impl Footage {
         &self.inside
     }
 
-    /// Its two halves, which do not loop; none of a single frame.
-    pub(super) fn halves(&self) -> &Option<Box<[Self; 2]>> {
-        self.halves.get_or_init(|| {
+    /// Its two halves, which tell how much two stretches of it differ; they do not loop. None of a single frame.
+    pub(super) fn halves(&self) -> Option<[&Self; 2]> {
+        let halves = self.halves.get_or_init(|| {
             let middle = self.frames.len() / 2;
             let half = |frames: &[Rgb8]| Self {
                 frames: frames.to_vec(),
@@ -147,7 +147,8 @@ impl Footage {
                 ..Self::default()
             };
             (middle > 0).then(|| Box::new([half(&self.frames[..middle]), half(&self.frames[middle..])]))
-        })
+        });
+        halves.as_deref().map(|[a, b]| [a, b])
     }
 
     /// Indices of the pixels that count.

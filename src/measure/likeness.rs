@@ -100,7 +100,7 @@ fn dynamics(subject: &Subject) -> Option<f64> {
     let (reference, seed) = (subject.reference?, subject.seed);
     let own = patches::dynamics_distance(subject.footage, reference, seed)?;
     let frozen = patches::deviation(reference, seed)?;
-    let floor = halves(reference).and_then(|[a, b]| patches::dynamics_distance(a, b, seed)).unwrap_or(0.0);
+    let floor = reference.halves().and_then(|[a, b]| patches::dynamics_distance(a, b, seed)).unwrap_or(0.0);
     // Of a clip whose halves differ as much as a frozen picture does, nothing can be told.
     (frozen > 0.0).then(|| ((own - floor) / (frozen - floor).max(0.1 * frozen)).clamp(0.0, 1.0))
 }
@@ -109,7 +109,7 @@ fn dynamics(subject: &Subject) -> Option<f64> {
 fn spectrum(subject: &Subject) -> Option<f64> {
     let (reference, seed) = (subject.reference?, subject.seed);
     let own = spectrum::distance(subject.footage, reference, seed)?;
-    let floor = halves(reference).and_then(|[a, b]| spectrum::distance(a, b, seed)).unwrap_or(0.0);
+    let floor = reference.halves().and_then(|[a, b]| spectrum::distance(a, b, seed)).unwrap_or(0.0);
     Some(((own - floor) / DECADE).clamp(0.0, 1.0))
 }
 
@@ -120,7 +120,7 @@ fn deviation(subject: &Subject) -> Option<f64> {
         let (a, b) = (patches::deviation(a, seed)?, patches::deviation(b, seed)?);
         (b > 0.0).then(|| (a / b).log2().abs())
     };
-    let floor = halves(reference).and_then(|[a, b]| octaves(a, b)).unwrap_or(0.0);
+    let floor = reference.halves().and_then(|[a, b]| octaves(a, b)).unwrap_or(0.0);
     Some((octaves(subject.footage, reference)? - floor).clamp(0.0, 1.0))
 }
 
@@ -131,16 +131,11 @@ fn renewal(subject: &Subject) -> Option<f64> {
         let (a, b) = (renewal::kept(a, seed)?, renewal::kept(b, seed)?);
         Some(a.iter().zip(b).map(|(a, b)| (a - b).abs()).sum::<f64>() / b.len() as f64)
     };
-    let floor = halves(reference).and_then(|[a, b]| between(a, b)).unwrap_or(0.0);
+    let floor = reference.halves().and_then(|[a, b]| between(a, b)).unwrap_or(0.0);
     Some(((between(subject.footage, reference)? - floor) / HALF).clamp(0.0, 1.0))
 }
 
 /// Error of the detail, 0 to 1.
 fn detail(subject: &Subject) -> Option<f64> {
     Some(detail::above_floor(subject)?.clamp(0.0, 1.0))
-}
-
-/// The two halves of a clip, which tell how much two stretches of it differ.
-fn halves(reference: &Footage) -> Option<[&Footage; 2]> {
-    reference.halves().as_deref().map(|[a, b]| [a, b])
 }

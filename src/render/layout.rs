@@ -174,7 +174,7 @@ impl Layout {
 }
 
 /// Weight of a cell within a piece along one axis.
-fn tent(cell: usize) -> f32 {
+pub fn tent(cell: usize) -> f32 {
     let centre = (cell * CELL + CELL / 2) as f32;
     1.0 - (centre - STRIDE as f32).abs() / STRIDE as f32
 }

@@ -62,9 +62,7 @@ impl Trajectories {
         let between = |from: &Plane, to: &Plane| from.data[cell] + share * (to.data[cell] - from.data[cell]);
         (between(&from.u, &to.u), between(&from.v, &to.v))
     }
-}
 
-impl Trajectories {
     /// [`Self::way`] from a place `(dx, dy)` pixels from the centre of a cell, interpolated between centres.
     pub fn way_near(&self, cell: usize, (dx, dy): (f32, f32), age: f32) -> (f32, f32) {
         let (width, height) = self.size();

@@ -1,20 +1,12 @@
 //! The method of a scene that names none: nobody has to know methods.
 
 use super::method::MethodEntry;
-use super::methods::REGISTRY;
+use super::methods::{EXEMPLAR_METHOD, FIRE_METHOD, LIBRARY_METHOD, PLAIN_METHOD, REGISTRY};
 use crate::library::reader::Pack;
 use crate::scene::file::SceneFile;
 
-/// What moves a picture when a library is there: the picture itself, by the clips' motion.
-const WITH_LIBRARY: &str = "hybrid";
-/// What lets flames change their shape: a picture that is carried keeps the forms it has, and its edges show as rings.
-const WITH_FLAMES: &str = "database";
 /// Tag of a library's clips of flames.
 const FLAMES: &str = "fire";
-/// What needs nothing but the picture and a direction.
-const WITHOUT: &str = "advect";
-/// What makes looks from an exemplar, and takes designed targets.
-const WITH_EXEMPLAR: &str = "lazyfluids";
 
 /// A method and why it was chosen.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -42,17 +34,17 @@ impl DefaultMethod {
     fn by_sources(file: &SceneFile) -> Self {
         let choice = |name, reason: &str| Self { name, reason: reason.to_owned() };
         if file.target.is_some() {
-            return choice(WITH_EXEMPLAR, "the motion is designed in a [target]");
+            return choice(EXEMPLAR_METHOD, "the motion is designed in a [target]");
         }
         match (file.library.is_empty(), file.exemplars.is_empty()) {
             (false, _) if of_flames(file) => {
-                choice(WITH_FLAMES, "most of the library's clips are of fire, and flames change their shape")
+                choice(FIRE_METHOD, "most of the library's clips are of fire, and flames change their shape")
             }
             (false, _) => {
-                choice(WITH_LIBRARY, "a library is named: the picture itself is carried, by the motion of its clips")
+                choice(LIBRARY_METHOD, "a library is named: the picture itself is carried, by the motion of its clips")
             }
-            (true, false) => choice(WITH_EXEMPLAR, "an exemplar is named and no library"),
-            (true, true) => choice(WITHOUT, "no library is named: the picture itself goes along what is asked"),
+            (true, false) => choice(EXEMPLAR_METHOD, "an exemplar is named and no library"),
+            (true, true) => choice(PLAIN_METHOD, "no library is named: the picture itself goes along what is asked"),
         }
     }
 

@@ -31,8 +31,7 @@ impl PreparedScene {
     /// none; more exemplars than it takes.
     pub fn new(mut scene: Scene) -> Result<Self> {
         check_options(&scene.settings().options)?;
-        let chosen = scene.settings().method.is_none().then(|| DefaultMethod::of(scene.settings()));
-        let name = method_of(scene.settings());
+        let (name, chosen) = method_of(scene.settings());
         let method = entry(&name).ok_or_else(|| unknown_method("method", &name))?;
         if scene.designed().is_some() && !method.designed {
             let takers: Vec<&str> = REGISTRY.iter().filter(|m| m.designed).map(|m| m.name).collect();
@@ -90,9 +89,11 @@ pub fn run(scene: &Scene, sink: &mut dyn Sink, observer: &dyn Observer) -> Resul
     PreparedScene::new(scene.clone())?.run(sink, observer)
 }
 
-/// Name of a scene's method: the one that is asked for, or the one that serves it.
-fn method_of(file: &SceneFile) -> String {
-    file.method.clone().unwrap_or_else(|| DefaultMethod::of(file).name.to_owned())
+/// Name of a scene's method: the one that is asked for, or else the one that was chosen for it.
+fn method_of(file: &SceneFile) -> (String, Option<DefaultMethod>) {
+    let chosen = file.method.is_none().then(|| DefaultMethod::of(file));
+    let name = file.method.as_deref().or(chosen.as_ref().map(|chosen| chosen.name));
+    (name.unwrap_or_default().to_owned(), chosen)
 }
 
 fn entry(name: &str) -> Option<&'static MethodEntry> {
@@ -101,7 +102,7 @@ fn entry(name: &str) -> Option<&'static MethodEntry> {
 
 /// Shrinks the options of a scene's method for a quick look; those that a person set stay.
 pub fn shrink_options(file: &mut SceneFile) {
-    let name = method_of(file);
+    let (name, _) = method_of(file);
     let Some(method) = entry(&name) else { return };
     let mut table = file.options.remove(&name).unwrap_or_default();
     (method.preview)(&mut table);

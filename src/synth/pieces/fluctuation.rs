@@ -8,7 +8,7 @@ use crate::flow::field::Field;
 use crate::library::variant::{CELL, PIECE_CELLS};
 use crate::raster::filter::gaussian;
 use crate::raster::image::Plane;
-use crate::render::layout::STRIDE;
+use crate::render::layout::tent;
 use crate::render::sway::Sway;
 
 /// Smoothing, cells: motion wants larger coherent areas than colour, or unrelated neighbours make swirls.
@@ -88,10 +88,4 @@ fn footage(placed: &Placed, (width, height): (usize, usize)) -> Vec<Footage> {
     let samples = all.iter_mut().flat_map(|footage| &mut footage.samples);
     samples.for_each(|s| s.weight /= squares.data[s.cell].sqrt().max(1e-6));
     all
-}
-
-/// Weight of a cell within a piece along one axis.
-fn tent(cell: usize) -> f32 {
-    let centre = (cell * CELL + CELL / 2) as f32;
-    1.0 - (centre - STRIDE as f32).abs() / STRIDE as f32
 }

@@ -46,7 +46,7 @@ pub fn study(run: &Run, placed: &Placed) -> Result<Vec<Clip>> {
         let used = levels.iter().filter(|l| placed.sources[l.source].0 == i).map(|l| l.scale);
         let scales = BTreeSet::from_iter(used).into_iter().collect();
         let frames = frames(&placed.clips[i]);
-        let wanted = Wanted { frames: i < keep, motion: run.carrying.is_some_and(|carrying| carrying.sway > 0.0) };
+        let wanted = Wanted { frames: i < keep, motion: run.swaying().is_some() };
         let clip = Clip::study(&sources.packs[pack].1, clip, scales, frames, wanted, observer);
         observer.advance("loops", 1);
         clip
@@ -84,8 +84,7 @@ pub fn make(run: &Run, placed: &Placed, clips: &[Clip], rendering: &Rendering, s
     let Run { scene, observer, .. } = *run;
     let (output, wanted) = (scene.settings().output, scene.wanted_frames());
     let streams = streams(placed, clips, rendering, output.length())?;
-    let sways = run.carrying.is_some_and(|carrying| carrying.sway > 0.0);
-    let sway = if sways { Sway::bytes(output.length(), placed.layout.canvas, CELL) } else { 0 };
+    let sway = run.swaying().map_or(0, |_| Sway::bytes(output.length(), placed.layout.canvas, CELL));
     let block = memory::block_frames(scene, frame_bytes(&streams), kept_bytes(clips) + sway)?;
     // Streams repeat, so the frames before the first are those that far before the end of a later round. A part of the
     // loop follows an outline that moves from the same frame on.

@@ -111,10 +111,10 @@ pub fn prepare(run: &Run, placed: &Placed, clips: &mut [Clip], apart: Option<Sep
             let matte = apart.as_ref().map_or(&still.working_matte, Separation::matte);
             let carry = options.carry(&flow, &run.scene.settings().output);
             let carried = compositor.carrying(matte, &Stays::But(&restless(placed, apart.as_ref(), &matched)), &carry);
-            match options.sway > 0.0 {
-                false => carried,
-                true => {
-                    let (output, Carrying { sway, memory, .. }) = (run.scene.settings().output, *options);
+            match run.swaying() {
+                None => carried,
+                Some(&Carrying { sway, memory, .. }) => {
+                    let output = run.scene.settings().output;
                     let playing = playing(placed, clips, output.length());
                     let memory = memory * output.fps / 25.0;
                     carried.swaying(fluctuation::sway(placed, &playing, output.length(), sway, memory))

@@ -51,6 +51,11 @@ pub struct Run<'a> {
 }
 
 impl Run<'_> {
+    /// How the picture is carried, where it sways.
+    pub fn swaying(&self) -> Option<&Carrying> {
+        self.carrying.filter(|carrying| carrying.sway > 0.0)
+    }
+
     /// Library frames per output frame. The rate of a library is a constant of the program that built it; several
     /// libraries have the same.
     pub fn pace(&self) -> f32 {
